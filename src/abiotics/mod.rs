@@ -1,0 +1,1 @@
+//! Abiotic maps: what the site offers before any plant competes for it.

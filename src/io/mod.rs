@@ -1,0 +1,70 @@
+//! Bytes to data and back: one format a file. Parsers take bytes and limits, know no paths, and never panic.
+
+use std::path::{Path, PathBuf};
+
+/// Trouble with a file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs, reason = "the message tells what the fields are")]
+pub enum Error {
+    /// The file could not be read.
+    #[error("{path}: cannot read: {source}", path = path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+    /// The file could not be written.
+    #[error("{path}: cannot write: {source}; check free space and permissions", path = path.display())]
+    Write { path: PathBuf, source: std::io::Error },
+    /// The file's content cannot be used.
+    #[error("{path}: {problem}", path = path.display())]
+    Content { path: PathBuf, problem: ParseError },
+}
+
+impl Error {
+    /// Whether the machine failed (exit code 1) rather than the input (exit code 2).
+    /// A file that is not there is the user's to mend: bad input.
+    pub fn is_machine_failure(&self) -> bool {
+        match self {
+            Self::Read { source, .. } => source.kind() != std::io::ErrorKind::NotFound,
+            Self::Write { .. } => true,
+            Self::Content { .. } => false,
+        }
+    }
+}
+
+/// What is wrong with some bytes, and what the user can do.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{what}; {hint}")]
+pub struct ParseError {
+    /// What is wrong.
+    pub what: String,
+    /// What to do.
+    pub hint: String,
+}
+
+impl ParseError {
+    /// `what` is wrong, do `hint`.
+    pub fn new(what: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self { what: what.into(), hint: hint.into() }
+    }
+
+    /// Names the file.
+    pub fn at(self, path: &Path) -> Error {
+        Error::Content { path: path.to_path_buf(), problem: self }
+    }
+}
+
+/// How large an input may be before it is refused rather than read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Most cells of a raster (or of its requested window).
+    pub max_cells: usize,
+    /// Most points of a cloud.
+    pub max_points: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        // chosen: 20,000² cells are 1.6 GB of f32, about what a 16 GB machine can work on;
+        // 500 million points are 6 GB of coordinates
+        Self { max_cells: 400_000_000, max_points: 500_000_000 }
+    }
+}

@@ -1,0 +1,15 @@
+//! Grids on the map: values, place, mask. Row 0 lies north, values stand at cell centres.
+//!
+//! Reading order: [`frame`] (where cells lie), [`mask`] (which are valid), [`grid`] (values), [`crs`], [`source`].
+
+pub mod crs;
+pub mod frame;
+pub mod grid;
+pub mod mask;
+pub mod source;
+
+pub use crs::Crs;
+pub use frame::{Cell, Frame, GeoTransform, MapPoint};
+pub use grid::{Grid, MONTHS, MonthlyGrid};
+pub use mask::Mask;
+pub use source::{Affine, LengthUnit, SourceRaster};

@@ -1,0 +1,14 @@
+//! Terrain: elevation on a metric grid, with its place on Earth.
+
+use crate::raster::Grid;
+
+/// Bare-earth elevation and what the sun needs to know of its place.
+#[derive(Clone, Debug)]
+pub struct Terrain {
+    /// Metres above sea level; masked where unknown (sea, lakes, tile edges).
+    pub elevation_m: Grid<f32>,
+    /// Latitude of the middle, north positive.
+    pub latitude_rad: f64,
+    /// Angle from true north to grid north at the middle, clockwise positive; 0 for local metres.
+    pub grid_convergence_rad: f64,
+}
