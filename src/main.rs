@@ -1,1 +1,7 @@
-fn main() {}
+//! The `wildwood` command: parses, calls the library, reports.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    wildwood::cli::main()
+}

@@ -1,0 +1,179 @@
+//! `wildwood bench`: standard workloads, one JSON line each.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+
+use super::{Outcome, terminal};
+use crate::abiotics;
+use crate::pipeline::{Error, import};
+use crate::progress::{Reporter, peak_memory_mib};
+use crate::species::Biome;
+use crate::terrain::generate::{self, GenerateParams};
+use crate::terrain::point_cloud::synthetic;
+
+/// What `wildwood bench` takes.
+#[derive(Args)]
+pub struct BenchArguments {
+    /// Workload to run [default: all, each in a process of its own so that peak memory is its own].
+    workload: Option<Workload>,
+    /// Times each workload is run; the line gives the fastest and the median.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=100))]
+    repeat: u16,
+    /// Terrain tile for `import-dem` instead of a generated one.
+    #[arg(long)]
+    dem: Option<PathBuf>,
+    /// Point cloud for `import-laz` instead of a generated one.
+    #[arg(long)]
+    laz: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Workload {
+    #[value(name = "abiotics-512")]
+    Abiotics512,
+    #[value(name = "abiotics-1024")]
+    Abiotics1024,
+    #[value(name = "abiotics-2048")]
+    Abiotics2048,
+    #[value(name = "abiotics-4096")]
+    Abiotics4096,
+    /// 1 km² at 1 m: file to terrain, and file to whole scene folder.
+    ImportDem,
+    /// 4 million points over 1 km²: file to terrain and canopy, and file to whole scene folder.
+    ImportLaz,
+}
+
+/// Points of the generated cloud of `import-laz`.
+const CLOUD_POINTS: usize = 4_000_000;
+
+pub fn run(arguments: &BenchArguments) -> Outcome {
+    let Some(workload) = arguments.workload else {
+        return run_all(arguments);
+    };
+    let name = workload.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned());
+    let folder = tempfile::tempdir().map_err(|source| usage("temporary folder", source))?;
+    let mut runs = Vec::new();
+    let mut prepared = None;
+    for _ in 0..arguments.repeat {
+        runs.push(match workload {
+            Workload::Abiotics512 => abiotics(512)?,
+            Workload::Abiotics1024 => abiotics(1024)?,
+            Workload::Abiotics2048 => abiotics(2048)?,
+            Workload::Abiotics4096 => abiotics(4096)?,
+            Workload::ImportDem | Workload::ImportLaz => {
+                let input = match prepared.take() {
+                    Some(input) => input,
+                    None => prepare(workload, arguments, folder.path())?,
+                };
+                let run = whole_import(&input, folder.path())?;
+                prepared = Some(input);
+                run
+            }
+        });
+    }
+    runs.sort_by(|a, b| seconds(a).total_cmp(&seconds(b)));
+    let median = runs[runs.len() / 2].clone();
+    terminal::line(&json!({
+        "workload": name,
+        "threads": rayon::current_num_threads(),
+        "runs": runs.len(),
+        "fastest_s": seconds(&runs[0]),
+        "median": median,
+        "peak_memory_mib": peak_memory_mib(),
+    }));
+    Ok(())
+}
+
+fn run_all(arguments: &BenchArguments) -> Outcome {
+    let program = std::env::current_exe().map_err(|e| usage("own program", e))?;
+    for workload in Workload::value_variants() {
+        let Some(value) = workload.to_possible_value() else { continue };
+        let mut command = Command::new(&program);
+        command.args(["bench", value.get_name(), "--repeat", &arguments.repeat.to_string()]);
+        command.args(["--threads", &rayon::current_num_threads().to_string()]);
+        for (flag, path) in [("--dem", &arguments.dem), ("--laz", &arguments.laz)] {
+            if let Some(path) = path {
+                command.arg(flag).arg(path);
+            }
+        }
+        let status = command.status().map_err(|e| usage("bench", e))?;
+        if !status.success() {
+            return Err(Error::Usage { what: format!("workload {} failed", value.get_name()) });
+        }
+    }
+    Ok(())
+}
+
+fn usage(what: &str, e: std::io::Error) -> Error {
+    Error::Usage { what: format!("{what}: {e}") }
+}
+
+fn seconds(run: &Value) -> f64 {
+    run["seconds"].as_f64().unwrap_or(f64::INFINITY)
+}
+
+/// All four maps of a generated landscape; the terrain's own making is not counted.
+fn abiotics(size: usize) -> Result<Value, Error> {
+    let reporter = Reporter::silent();
+    let params = GenerateParams { rows: size, cols: size, ..GenerateParams::default() };
+    let terrain = generate::generate(&params, &reporter)?;
+    let climate = Biome::builtin("sonoma")?.climate;
+    let before = reporter.records().len();
+    let started = Instant::now();
+    let maps = abiotics::run(&terrain, &climate, &abiotics::Params::default(), &reporter)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let cells = maps.slope_rad.frame().len();
+    let stages: serde_json::Map<String, Value> = reporter.records()[before..]
+        .iter()
+        .map(|r| (r.stage.to_owned(), json!(r.seconds)))
+        .collect();
+    Ok(json!({"seconds": seconds, "cells": cells, "ns_per_cell": seconds * 1e9 / cells as f64, "stages_s": stages}))
+}
+
+fn prepare(workload: Workload, arguments: &BenchArguments, folder: &Path) -> Result<PathBuf, Error> {
+    let given = match workload {
+        Workload::ImportLaz => &arguments.laz,
+        _ => &arguments.dem,
+    };
+    if let Some(path) = given {
+        return Ok(path.clone());
+    }
+    let reporter = Reporter::silent();
+    let params = GenerateParams { rows: 1000, cols: 1000, cell_m: 1.0, ..GenerateParams::default() };
+    let terrain = generate::generate(&params, &reporter)?;
+    Ok(match workload {
+        Workload::ImportLaz => {
+            let path = folder.join("bench.laz");
+            let cloud = synthetic::forest_cloud(&terrain.elevation_m, CLOUD_POINTS, 1);
+            crate::io::las::write_laz(&cloud, &path)?;
+            path
+        }
+        _ => {
+            let scene = folder.join("dem");
+            import::write_terrain_only(&terrain, &scene)?;
+            scene.join("terrain.tif")
+        }
+    })
+}
+
+fn whole_import(input: &Path, folder: &Path) -> Result<Value, Error> {
+    let scene = folder.join("scene");
+    let request = import::ImportRequest::new(vec![input.to_path_buf()], scene.clone());
+    let started = Instant::now();
+    let imported = import::read_terrain(&request, &Reporter::silent())?;
+    let seconds = started.elapsed().as_secs_f64();
+    let cells = imported.terrain.elevation_m.frame().len();
+    drop(imported);
+    let reporter = Reporter::silent();
+    let started = Instant::now();
+    import::run(&request, &reporter)?;
+    let scene_s = started.elapsed().as_secs_f64();
+    let _ = std::fs::remove_dir_all(&scene);
+    let stages: serde_json::Map<String, Value> =
+        reporter.records().iter().map(|r| (r.stage.to_owned(), json!(r.seconds))).collect();
+    Ok(json!({"seconds": seconds, "cells": cells, "scene_folder_s": scene_s, "stages_s": stages}))
+}

@@ -1,0 +1,88 @@
+//! The command line: parse, call [`crate::pipeline`], report. One file a subcommand.
+//!
+//! Exit codes: 0 done, 1 the machine failed or the run was cancelled, 2 bad input or usage.
+
+mod bench;
+mod demo;
+mod doctor;
+mod import;
+mod terminal;
+
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::pipeline;
+use crate::progress::Reporter;
+
+/// Grows whole forests, living and dead, on real terrain.
+#[derive(Parser)]
+#[command(name = "wildwood", version, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    shared: Shared,
+}
+
+/// What every subcommand takes.
+#[derive(Args)]
+struct Shared {
+    /// Print JSON lines on standard output instead of text.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Say nothing but errors.
+    #[arg(long, short, global = true)]
+    quiet: bool,
+    /// Threads to work with; results never depend on it [default: all cores].
+    #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Seed of everything random: same seed, same bits.
+    #[arg(long, global = true, default_value_t = 1)]
+    seed: u64,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Make a small landscape of its own and picture it.
+    Demo(demo::DemoArguments),
+    /// Turn terrain rasters or point clouds into a scene: terrain and abiotic maps.
+    Import(import::ImportArguments),
+    /// Run standard workloads, one JSON line each.
+    Bench(bench::BenchArguments),
+    /// Say what was found on this machine.
+    Doctor,
+}
+
+/// Runs the command line of this process.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let shared = &arguments.shared;
+    if let Some(threads) = shared.threads {
+        // fails only if a pool exists already, and none does this early
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global();
+    }
+    let cancelled = Arc::new(AtomicBool::new(false));
+    let on_interrupt = Arc::clone(&cancelled);
+    // without a handler Ctrl-C still ends the process; it only leaves a partial folder to clean up
+    let _ = ctrlc::set_handler(move || on_interrupt.store(true, Ordering::Relaxed));
+    let reporter = Reporter::new(terminal::sink(shared.json, shared.quiet), cancelled);
+    let done = match &arguments.command {
+        Command::Demo(arguments) => demo::run(arguments, shared, &reporter),
+        Command::Import(arguments) => import::run(arguments, shared, &reporter),
+        Command::Bench(arguments) => bench::run(arguments),
+        Command::Doctor => doctor::run(shared.json),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let code = if error.is_bad_input() { 2 } else { 1 };
+            terminal::fail(shared.json, &error, code);
+            ExitCode::from(code)
+        }
+    }
+}
+
+type Outcome = Result<(), pipeline::Error>;

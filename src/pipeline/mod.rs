@@ -1,0 +1,49 @@
+//! The order of stages: reads inputs, runs what is out of date, writes the scene folder.
+//!
+//! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write).
+
+pub mod demo;
+pub mod import;
+mod scene_files;
+
+use crate::progress::Cancelled;
+use crate::{io, scene, species, terrain};
+
+/// Why a run ended early.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs, reason = "the message tells what the fields are")]
+pub enum Error {
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    #[error(transparent)]
+    Scene(#[from] scene::Error),
+    #[error(transparent)]
+    Biome(#[from] species::BiomeError),
+    #[error(transparent)]
+    Terrain(#[from] terrain::import::ImportError),
+    #[error(transparent)]
+    Cloud(#[from] terrain::point_cloud::Error),
+    #[error("{what}")]
+    Usage { what: String },
+    #[error("cancelled; nothing was written")]
+    Cancelled,
+}
+
+impl From<Cancelled> for Error {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
+impl Error {
+    /// Whether the input is to blame (exit code 2) rather than the machine (exit code 1).
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::Io(e) => !e.is_machine_failure(),
+            Self::Scene(e) => !e.is_machine_failure(),
+            Self::Cancelled => false,
+            _ => true,
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! The files of terrain and abiotic maps, as stages of a scene.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+
+use super::Error;
+use crate::abiotics::AbioticMaps;
+use crate::export::preview::{self, PreviewMaps};
+use crate::io::geotiff::{self, Band, BandSource, CogImage};
+use crate::progress::Reporter;
+use crate::raster::{Grid, MONTHS, Mask, MonthlyGrid};
+use crate::scene::{StageEntry, Transaction};
+use crate::terrain::Terrain;
+
+const MONTH_NAMES: [&str; MONTHS] = [
+    "January", "February", "March", "April", "May", "June", "July", "August", "September",
+    "October", "November", "December",
+];
+
+/// Writes rasters of one stage and collects their hashes.
+pub struct StageFiles<'a> {
+    transaction: &'a mut Transaction,
+    files: BTreeMap<String, String>,
+}
+
+impl<'a> StageFiles<'a> {
+    pub fn new(transaction: &'a mut Transaction) -> Self {
+        Self { transaction, files: BTreeMap::new() }
+    }
+
+    /// The stage's entry in the manifest.
+    pub fn into_entry(self, key: String, parameters: toml::Table, figures: toml::Table) -> StageEntry {
+        StageEntry { key, parameters, figures, files: self.files }
+    }
+
+    fn cog<S: BandSource + ?Sized>(&mut self, name: &str, image: &CogImage<'_>, bands: &S) -> Result<(), Error> {
+        let hash = self.transaction.write(name, |file: &mut File| {
+            let mut out = BufWriter::with_capacity(1 << 20, file);
+            geotiff::write_cog(&mut out, image, bands)?;
+            std::io::Write::flush(&mut out)
+        })?;
+        self.files.insert(name.to_owned(), hash);
+        Ok(())
+    }
+
+    fn single<T>(&mut self, file: &str, band: &str, unit: &str, grid: &Grid<T>, values: &[f32]) -> Result<(), Error> {
+        let bands = [Band { name: band.to_owned(), unit: unit.to_owned() }];
+        let image = CogImage { frame: grid.frame(), mask: grid.mask(), bands: &bands };
+        self.cog(file, &image, [values].as_slice())
+    }
+
+    /// Writes a raster of one band.
+    pub fn grid(&mut self, file: &str, band: &str, unit: &str, grid: &Grid<f32>) -> Result<(), Error> {
+        self.single(file, band, unit, grid, grid.values())
+    }
+
+    fn monthly(&mut self, file: &str, unit: &str, monthly: &MonthlyGrid) -> Result<(), Error> {
+        let image = CogImage { frame: monthly.frame(), mask: monthly.mask(), bands: &month_bands(unit) };
+        let months: [&[f32]; MONTHS] = std::array::from_fn(|m| monthly.month(m));
+        self.cog(file, &image, months.as_slice())
+    }
+
+    /// Writes the four abiotic maps and the discharge.
+    pub fn abiotics(&mut self, maps: &AbioticMaps, reporter: &Reporter) -> Result<(), Error> {
+        let stage = reporter.stage("write", 5);
+        let slope_deg: Vec<f32> = maps.slope_rad.values().iter().map(|s| s.to_degrees()).collect();
+        self.single("slope.tif", "slope", "°", &maps.slope_rad, &slope_deg)?;
+        stage.advance(1);
+        self.monthly("sunlight.tif", "h/day", &maps.sunlight_h)?;
+        stage.advance(1);
+        self.monthly("moisture.tif", "mm", &maps.moisture_mm)?;
+        stage.advance(1);
+        let elevation = maps.temperature_c.elevation_m();
+        let image = CogImage { frame: elevation.frame(), mask: elevation.mask(), bands: &month_bands("°C") };
+        self.cog("temperature.tif", &image, &Temperature(maps))?;
+        stage.advance(1);
+        self.grid("discharge.tif", "mean discharge", "m3/s", &maps.discharge_m3_s)?;
+        stage.advance(1);
+        Ok(())
+    }
+
+    /// Draws and writes `preview.png`.
+    pub fn preview(&mut self, name: &str, terrain: &Terrain, maps: &AbioticMaps, reporter: &Reporter) -> Result<(), Error> {
+        let stage = reporter.stage("preview", 1);
+        let shown = PreviewMaps {
+            sunlight_h: Some(maps.sunlight_h.yearly_mean()),
+            moisture_mm: Some(maps.moisture_mm.yearly_mean()),
+            temperature_c: Some(maps.temperature_c.yearly_mean()),
+            slope_rad: Some(maps.slope_rad.clone()),
+            discharge_m3_s: Some(maps.discharge_m3_s.clone()),
+            river: Some(&maps.river),
+        };
+        let png = preview::png(terrain, &shown, name);
+        let hash = self.transaction.write("preview.png", |file| std::io::Write::write_all(file, &png))?;
+        self.files.insert("preview.png".to_owned(), hash);
+        stage.advance(1);
+        Ok(())
+    }
+}
+
+struct Temperature<'a>(&'a AbioticMaps);
+
+impl BandSource for Temperature<'_> {
+    fn read(&self, band: usize, row: usize, first_col: usize, values: &mut [f32]) {
+        let temperature = &self.0.temperature_c;
+        let first = row * temperature.elevation_m().frame().cols + first_col;
+        for (index, value) in (first..).zip(values) {
+            *value = temperature.at(band, index);
+        }
+    }
+}
+
+fn month_bands(unit: &str) -> Vec<Band> {
+    MONTH_NAMES.iter().map(|name| Band { name: (*name).to_owned(), unit: unit.to_owned() }).collect()
+}
+
+/// Mean over valid cells.
+pub fn mean(values: &[f32], mask: &Mask) -> f64 {
+    let valid = values.iter().zip(mask.as_slice()).filter(|(_, valid)| **valid);
+    let sum: f64 = valid.map(|(v, _)| f64::from(*v)).sum();
+    sum / (mask.valid_count().max(1) as f64)
+}

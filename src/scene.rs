@@ -1,0 +1,429 @@
+//! The scene folder: what a run leaves for GIS, 3D programs and later runs.
+//!
+//! Files are written beside and renamed, so a run that fails or is killed leaves the folder as it was.
+//! `scene.toml` is renamed last and records the content hash of every stage file: a file that is not
+//! the one recorded makes its stage run again.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use tempfile::TempDir;
+
+use crate::raster::{Crs, Frame, GeoTransform};
+use crate::terrain::Terrain;
+
+/// Version of the folder's layout; folders of another version are refused.
+pub const FORMAT: u32 = 1;
+const MANIFEST: &str = "scene.toml";
+const STAGING_PREFIX: &str = ".wildwood-partial-";
+
+/// Trouble with a scene folder.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs, reason = "the message tells what the fields are")]
+pub enum Error {
+    #[error("{path}: cannot write the scene: {source}; check free space and permissions", path = path.display())]
+    Write { path: PathBuf, source: io::Error },
+    #[error("{path}: cannot read the scene: {source}", path = path.display())]
+    Read { path: PathBuf, source: io::Error },
+    #[error("{path}: exists and is not a scene folder; name a new or empty folder with -o", path = path.display())]
+    NotAScene { path: PathBuf },
+    #[error("{path}: not a scene: it has no {MANIFEST}; make one with `wildwood import`", path = path.display())]
+    Missing { path: PathBuf },
+    #[error("{path}: {problem}; import the terrain again into a new folder", path = path.display())]
+    Manifest { path: PathBuf, problem: String },
+}
+
+impl Error {
+    /// Whether the machine failed (exit code 1) rather than the input (exit code 2).
+    pub fn is_machine_failure(&self) -> bool {
+        matches!(self, Self::Write { .. } | Self::Read { .. })
+    }
+}
+
+/// What `scene.toml` says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Where and what the scene is.
+    pub scene: SceneHead,
+    /// The files the scene was made from.
+    #[serde(default)]
+    pub inputs: Vec<Input>,
+    /// What each stage was given and gave, by stage name.
+    #[serde(default)]
+    pub stages: BTreeMap<String, StageEntry>,
+}
+
+/// Where and what a scene is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneHead {
+    /// Layout version of the folder.
+    pub format: u32,
+    /// The wildwood that wrote it.
+    pub wildwood_version: String,
+    /// The scene's name: its folder's.
+    pub name: String,
+    /// `EPSG:n`, or `local` for metres of unknown place.
+    pub crs: String,
+    /// Map coordinates of the south-west corner; positions in the scene are metres east and north of it.
+    pub south_west_m: [f64; 2],
+    /// Width (west–east) and height (south–north).
+    pub extent_m: [f64; 2],
+    /// Cell width and height.
+    pub cell_m: f64,
+    /// Rows and columns of every raster.
+    pub rows: usize,
+    /// Columns of every raster.
+    pub cols: usize,
+    /// Latitude of the middle, degrees north.
+    pub latitude_deg: f64,
+    /// Angle from true north to grid north, degrees clockwise.
+    pub grid_convergence_deg: f64,
+    /// The biome whose climate and species the scene has.
+    pub biome: String,
+    /// The user's seed.
+    pub seed: u64,
+}
+
+/// A file the scene was made from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Input {
+    /// The file's name, without its folder: scenes travel between machines.
+    pub file: String,
+    /// Length in bytes.
+    pub bytes: u64,
+    /// BLAKE3 of the content.
+    pub blake3: String,
+}
+
+/// What a stage was given and gave.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StageEntry {
+    /// Hash of everything the stage depends on; equal keys mean equal results.
+    pub key: String,
+    /// Parameters, as a user would name them.
+    pub parameters: toml::Table,
+    /// Measured figures of the result.
+    pub figures: toml::Table,
+    /// BLAKE3 of each file the stage wrote.
+    pub files: BTreeMap<String, String>,
+}
+
+impl Manifest {
+    /// The manifest of a scene folder, `None` if there is no folder or it is empty.
+    ///
+    /// # Errors
+    /// [`Error::NotAScene`] for a folder with other content, [`Error::Manifest`] for a broken or newer manifest.
+    pub fn read(folder: &Path) -> Result<Option<Self>, Error> {
+        let path = folder.join(MANIFEST);
+        let text = match fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+                return if is_absent_or_empty(folder)? {
+                    Ok(None)
+                } else {
+                    Err(Error::NotAScene { path: folder.to_path_buf() })
+                };
+            }
+            Err(source) => return Err(Error::Read { path, source }),
+        };
+        let manifest: Self = toml::from_str(&text).map_err(|e| Error::Manifest {
+            path: path.clone(),
+            problem: e.message().to_owned(),
+        })?;
+        if manifest.scene.format != FORMAT {
+            let problem = format!(
+                "folder layout {} where this wildwood knows {FORMAT}",
+                manifest.scene.format
+            );
+            return Err(Error::Manifest { path, problem });
+        }
+        Ok(Some(manifest))
+    }
+
+    /// Whether a stage was run with this key and its files still are what it wrote.
+    ///
+    /// # Errors
+    /// [`Error::Read`] if a file cannot be read.
+    pub fn is_current(&self, folder: &Path, stage: &str, key: &str) -> Result<bool, Error> {
+        let Some(entry) = self.stages.get(stage).filter(|entry| entry.key == key) else {
+            return Ok(false);
+        };
+        for (file, recorded) in &entry.files {
+            let path = folder.join(file);
+            match hash_file(&path) {
+                Ok((hash, _)) if hash == *recorded => {}
+                Ok(_) => return Ok(false),
+                Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(false),
+                Err(source) => return Err(Error::Read { path, source }),
+            }
+        }
+        Ok(true)
+    }
+}
+
+impl SceneHead {
+    /// The head of a scene on a terrain.
+    pub fn new(folder: &Path, terrain: &Terrain, biome: &str, seed: u64) -> Self {
+        let frame = terrain.elevation_m.frame();
+        let GeoTransform { west_m, north_m, cell_m } = frame.transform;
+        let extent_m = [frame.cols as f64 * cell_m, frame.rows as f64 * cell_m];
+        Self {
+            format: FORMAT,
+            wildwood_version: env!("CARGO_PKG_VERSION").to_owned(),
+            name: folder_name(folder),
+            crs: match &frame.crs {
+                Crs::Local => "local".to_owned(),
+                crs => crs.to_string(),
+            },
+            south_west_m: [west_m, north_m - extent_m[1]],
+            extent_m,
+            cell_m,
+            rows: frame.rows,
+            cols: frame.cols,
+            latitude_deg: terrain.latitude_rad.to_degrees(),
+            grid_convergence_deg: terrain.grid_convergence_rad.to_degrees(),
+            biome: biome.to_owned(),
+            seed,
+        }
+    }
+
+    /// The frame of the scene's rasters.
+    ///
+    /// # Errors
+    /// What is wrong with the CRS.
+    pub fn frame(&self) -> Result<Arc<Frame>, String> {
+        let crs = match self.crs.as_str() {
+            "local" => Crs::Local,
+            text => Crs::parse(text).map_err(|e| e.to_string())?,
+        };
+        let transform = GeoTransform {
+            west_m: self.south_west_m[0],
+            north_m: self.south_west_m[1] + self.extent_m[1],
+            cell_m: self.cell_m,
+        };
+        Ok(Arc::new(Frame { rows: self.rows, cols: self.cols, transform, crs }))
+    }
+}
+
+/// The last part of a folder's path, `scene` if it has none.
+fn folder_name(folder: &Path) -> String {
+    let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
+    absolute.file_name().map_or_else(|| "scene".to_owned(), |n| n.to_string_lossy().into_owned())
+}
+
+/// BLAKE3 of a file's content in hexadecimal, and its length in bytes.
+///
+/// # Errors
+/// Whatever reading gives.
+pub fn hash_file(path: &Path) -> io::Result<(String, u64)> {
+    const CHUNK_BYTES: usize = 8 << 20;
+    let mut file = File::open(path)?;
+    let mut hasher = blake3::Hasher::new();
+    let mut buffer = vec![0; CHUNK_BYTES.min(usize::try_from(file.metadata()?.len()).unwrap_or(CHUNK_BYTES).max(1))];
+    let mut bytes = 0;
+    loop {
+        let n = io::Read::read(&mut file, &mut buffer)?;
+        if n == 0 {
+            return Ok((hasher.finalize().to_hex().to_string(), bytes));
+        }
+        hasher.update_rayon(&buffer[..n]);
+        bytes += n as u64;
+    }
+}
+
+fn is_absent_or_empty(folder: &Path) -> Result<bool, Error> {
+    match fs::read_dir(folder) {
+        Ok(mut entries) => Ok(entries.all(|entry| {
+            entry.is_ok_and(|e| e.file_name().to_string_lossy().starts_with(STAGING_PREFIX))
+        })),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(true),
+        Err(e) if e.kind() == io::ErrorKind::NotADirectory => Ok(false),
+        Err(source) => Err(Error::Read { path: folder.to_path_buf(), source }),
+    }
+}
+
+/// Files under way into a scene folder: all of them arrive, or none.
+pub struct Transaction {
+    folder: PathBuf,
+    staging: TempDir,
+    /// Folders above the scene's that this transaction made, innermost first.
+    made_parents: Vec<PathBuf>,
+    files: Vec<String>,
+    committed: bool,
+}
+
+impl Transaction {
+    /// Begins writing to `folder`, which need not exist yet.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where nothing can be written.
+    pub fn begin(folder: &Path) -> Result<Self, Error> {
+        let fail = |source| Error::Write { path: folder.to_path_buf(), source };
+        let home = match folder.parent() {
+            _ if folder.is_dir() => folder,
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        let missing = home.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists());
+        let made_parents: Vec<PathBuf> = missing.map(Path::to_path_buf).collect();
+        fs::create_dir_all(home).map_err(fail)?;
+        let staging = tempfile::Builder::new().prefix(STAGING_PREFIX).tempdir_in(home).map_err(|e| {
+            remove_empty(&made_parents);
+            fail(e)
+        })?;
+        let folder = folder.to_path_buf();
+        Ok(Self { folder, staging, made_parents, files: Vec::new(), committed: false })
+    }
+
+    /// Writes one file of the scene through `write`, and gives its BLAKE3.
+    ///
+    /// # Errors
+    /// [`Error::Write`], naming the file as it will be called.
+    pub fn write(
+        &mut self,
+        name: &str,
+        write: impl FnOnce(&mut File) -> io::Result<()>,
+    ) -> Result<String, Error> {
+        let path = self.staging.path().join(name);
+        let fail = |source| Error::Write { path: self.folder.join(name), source };
+        let mut file = File::options().read(true).write(true).create_new(true).open(&path).map_err(fail)?;
+        write(&mut file).map_err(fail)?;
+        let (hash, _) = hash_file(&path).map_err(fail)?;
+        self.files.push(name.to_owned());
+        Ok(hash)
+    }
+
+    /// Publishes every file, the manifest last.
+    ///
+    /// # Errors
+    /// [`Error::Write`]; nothing is left behind.
+    pub fn commit(mut self, manifest: &Manifest) -> Result<(), Error> {
+        let text = toml::to_string(manifest).map_err(|e| Error::Manifest {
+            path: self.folder.join(MANIFEST),
+            problem: e.to_string(),
+        })?;
+        self.write(MANIFEST, |file| io::Write::write_all(file, text.as_bytes()))?;
+        let fail = |source| Error::Write { path: self.folder.clone(), source };
+        if !self.folder.is_dir() {
+            make_visible(self.staging.path()).map_err(fail)?;
+            fs::rename(self.staging.path(), &self.folder).map_err(fail)?;
+        } else {
+            for name in &self.files {
+                fs::rename(self.staging.path().join(name), self.folder.join(name)).map_err(fail)?;
+            }
+        }
+        self.committed = true;
+        Ok(())
+    }
+}
+
+impl Drop for Transaction {
+    fn drop(&mut self) {
+        if !self.committed {
+            // the staging folder lies in the innermost of these and must go first
+            let _ = fs::remove_dir_all(self.staging.path());
+            remove_empty(&self.made_parents);
+        }
+    }
+}
+
+fn remove_empty(folders: &[PathBuf]) {
+    for folder in folders {
+        let _ = fs::remove_dir(folder); // not empty: somebody else uses it now
+    }
+}
+
+/// Temporary folders are private; a scene has the permissions any new folder would have.
+#[cfg(unix)]
+fn make_visible(folder: &Path) -> io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    let probe = folder.join(".permissions");
+    fs::create_dir(&probe)?;
+    let mode = fs::metadata(&probe)?.permissions().mode();
+    fs::remove_dir(&probe)?;
+    fs::set_permissions(folder, fs::Permissions::from_mode(mode))
+}
+
+#[cfg(not(unix))]
+fn make_visible(_: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::raster::Grid;
+    use std::io::Write;
+
+    fn manifest(folder: &Path, files: BTreeMap<String, String>) -> Manifest {
+        let terrain = Terrain {
+            elevation_m: Grid::from_fn(4, 5, 2.0, |_| 1.0),
+            latitude_rad: 0.7,
+            grid_convergence_rad: 0.0,
+        };
+        let entry = StageEntry {
+            key: "k".to_owned(),
+            parameters: toml::Table::new(),
+            figures: toml::Table::new(),
+            files,
+        };
+        Manifest {
+            scene: SceneHead::new(folder, &terrain, "sonoma", 3),
+            inputs: Vec::new(),
+            stages: BTreeMap::from([("terrain".to_owned(), entry)]),
+        }
+    }
+
+    fn write_scene(folder: &Path, content: &str) -> Manifest {
+        let mut transaction = Transaction::begin(folder).unwrap();
+        let hash = transaction.write("terrain.tif", |f| f.write_all(content.as_bytes())).unwrap();
+        let manifest = manifest(folder, BTreeMap::from([("terrain.tif".to_owned(), hash)]));
+        transaction.commit(&manifest).unwrap();
+        manifest
+    }
+
+    #[test]
+    fn a_scene_reads_back_as_written_and_can_be_written_again() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("a/b/forest");
+        assert_eq!(Manifest::read(&folder).unwrap(), None);
+        for content in ["one", "two"] {
+            let written = write_scene(&folder, content);
+            assert_eq!(Manifest::read(&folder).unwrap(), Some(written));
+            assert_eq!(fs::read_to_string(folder.join("terrain.tif")).unwrap(), content);
+            assert_eq!(fs::read_dir(&folder).unwrap().count(), 2, "nothing but the files");
+        }
+    }
+
+    #[test]
+    fn a_dropped_transaction_leaves_nothing() {
+        let home = tempfile::tempdir().unwrap();
+        let mut transaction = Transaction::begin(&home.path().join("x/forest")).unwrap();
+        transaction.write("terrain.tif", |f| f.write_all(b"half")).unwrap();
+        drop(transaction);
+        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_changed_file_makes_its_stage_stale() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("forest");
+        let manifest = write_scene(&folder, "one");
+        assert!(manifest.is_current(&folder, "terrain", "k").unwrap());
+        assert!(!manifest.is_current(&folder, "terrain", "other").unwrap());
+        fs::write(folder.join("terrain.tif"), "edited").unwrap();
+        assert!(!manifest.is_current(&folder, "terrain", "k").unwrap());
+    }
+
+    #[test]
+    fn a_folder_of_something_else_is_refused() {
+        let home = tempfile::tempdir().unwrap();
+        fs::write(home.path().join("thesis.doc"), "years of work").unwrap();
+        assert!(matches!(Manifest::read(home.path()), Err(Error::NotAScene { .. })));
+    }
+}

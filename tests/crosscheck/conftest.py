@@ -1,0 +1,57 @@
+"""Outside programs hold wildwood's files to their formats and its numbers to their own."""
+
+import os
+import pathlib
+import subprocess
+
+import numpy as np
+import pytest
+import rasterio
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+WILDWOOD = ROOT / "target" / "release" / "wildwood"
+DATA = pathlib.Path(os.environ.get("WILDWOOD_DATA", ROOT.parent / "shared" / "data"))
+
+
+def run_import(inputs, folder, *options):
+    inputs = [inputs] if isinstance(inputs, (str, pathlib.Path)) else inputs
+    command = [WILDWOOD, "import", *inputs, "-o", folder, "--quiet", *options]
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def real(path):
+    """A real file, or the test is skipped aloud."""
+    full = DATA / path
+    if not full.exists():
+        pytest.skip(f"{path}: the shared data is missing")
+    return full
+
+
+def hills(rows=96, cols=120, cell=2.0, amplitude=40.0):
+    """A smooth landscape whose every cell differs from its neighbours."""
+    y, x = np.mgrid[0:rows, 0:cols] * cell
+    return (
+        400.0
+        + amplitude * np.sin(x / 47.0) * np.cos(y / 39.0)
+        + 0.11 * x
+        - 0.07 * y
+    )
+
+
+def write_tiff(path, values, cell=2.0, crs="EPSG:32611", west=500000.0, north=4100000.0, **options):
+    profile = dict(
+        driver="GTiff", height=values.shape[0], width=values.shape[1], count=1,
+        dtype=str(values.dtype), crs=crs,
+        transform=rasterio.transform.from_origin(west, north, cell, cell),
+    )
+    profile.update(options)
+    with rasterio.open(path, "w", **profile) as out:
+        out.write(values, 1)
+    return path
+
+
+def read(path, band=1):
+    with rasterio.open(path) as source:
+        return source.read(band, masked=True)

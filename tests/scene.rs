@@ -1,0 +1,97 @@
+//! A scene folder from end to end: what is in it, what is redone, and that threads change no bit.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn wildwood(arguments: &[&str]) -> Output {
+    let output = Command::new(env!("CARGO_BIN_EXE_wildwood")).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    output
+}
+
+fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap())
+        .map(|entry| (entry.file_name().to_string_lossy().into_owned(), fs::read(entry.path()).unwrap()))
+        .collect()
+}
+
+fn demo(folder: &Path, options: &[&str]) {
+    let mut arguments = vec!["demo", "-o", folder.to_str().unwrap(), "--size", "160"];
+    arguments.extend(options);
+    wildwood(&arguments);
+}
+
+#[test]
+fn a_scene_has_the_files_it_promises() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("forest");
+    demo(&folder, &[]);
+    let names: Vec<String> = contents(&folder).into_keys().collect();
+    let promised =
+        ["moisture.tif", "preview.png", "scene.toml", "slope.tif", "sunlight.tif", "temperature.tif", "terrain.tif"];
+    for name in promised {
+        assert!(names.iter().any(|n| n == name), "{name} is missing among {names:?}");
+    }
+    assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1, "nothing else is left");
+}
+
+#[test]
+fn same_seed_same_bits_for_one_and_two_threads_and_other_seeds_differ() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = |name: &str| home.path().join(name).join("forest");
+    demo(&folder("one"), &["--threads", "1", "--seed", "5"]);
+    demo(&folder("two"), &["--threads", "2", "--seed", "5"]);
+    demo(&folder("other"), &["--threads", "2", "--seed", "6"]);
+    assert!(contents(&folder("one")) == contents(&folder("two")), "threads changed a file");
+    assert!(contents(&folder("one"))["terrain.tif"] != contents(&folder("other"))["terrain.tif"]);
+}
+
+#[test]
+fn an_unchanged_import_runs_nothing_and_a_changed_climate_only_what_depends_on_it() {
+    let home = tempfile::tempdir().unwrap();
+    let (demo_folder, forest) = (home.path().join("demo"), home.path().join("forest"));
+    demo(&demo_folder, &[]);
+    let dem = demo_folder.join("terrain.tif");
+    let import = |options: &[&str]| {
+        let mut arguments = vec!["import", dem.to_str().unwrap(), "-o", forest.to_str().unwrap(), "--json"];
+        arguments.extend(options);
+        String::from_utf8(wildwood(&arguments).stdout).unwrap()
+    };
+    let first = import(&[]);
+    assert!(first.contains("\"sunlight\""), "{first}");
+    let before = contents(&forest);
+    let again = import(&[]);
+    assert!(!again.contains("\"sunlight\""), "{again}");
+    assert!(before == contents(&forest), "an unchanged import changed a file");
+    let other_climate = import(&["--biome", "pyrenees"]);
+    assert!(other_climate.contains("\"sunlight\""), "{other_climate}");
+    assert!(before["terrain.tif"] == contents(&forest)["terrain.tif"]);
+    assert!(before["sunlight.tif"] != contents(&forest)["sunlight.tif"]);
+    // a file somebody changed is made again
+    fs::write(forest.join("slope.tif"), b"edited").unwrap();
+    import(&["--biome", "pyrenees"]);
+    assert!(before["slope.tif"] == contents(&forest)["slope.tif"]);
+}
+
+#[test]
+fn json_lines_are_json_and_end_with_the_result() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("forest");
+    let output = wildwood(&["demo", "-o", folder.to_str().unwrap(), "--size", "64", "--json"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    let lines: Vec<serde_json::Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!(lines.last().unwrap()["event"], "done");
+    assert!(lines.iter().any(|l| l["event"] == "stage" && l["peak_memory_mib"].is_number()));
+}
+
+#[test]
+fn quiet_says_nothing() {
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("forest");
+    let output = wildwood(&["demo", "-o", folder.to_str().unwrap(), "--size", "64", "--quiet"]);
+    assert!(output.stdout.is_empty() && output.stderr.is_empty());
+}
