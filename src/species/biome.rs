@@ -127,7 +127,9 @@ impl Biome {
 #[allow(missing_docs, reason = "the message tells what the fields are")]
 pub enum BiomeError {
     /// The text is longer than any sensible biome.
-    #[error("the text has {bytes} bytes; biome and climate files may have {limit}: is this the right file?")]
+    #[error(
+        "the text has {bytes} bytes; biome and climate files may have {limit}: is this the right file?"
+    )]
     TooLarge { bytes: usize, limit: usize },
     /// Not TOML, or keys that are unknown, missing, or of the wrong type.
     #[error("{message}")]
@@ -236,12 +238,18 @@ mod tests {
             // printed "Oxalis Oregano"
             let printed = row[1].to_lowercase().replace("oregano", "oregana");
             assert_eq!(printed, species.scientific_name.to_lowercase());
-            assert_eq!((number(&row[4]), number(&row[5])), (species.max_age_years, species.max_height_m));
+            assert_eq!(
+                (number(&row[4]), number(&row[5])),
+                (species.max_age_years, species.max_height_m)
+            );
             assert_eq!(number(&row[6]), species.absorbed_light_fraction);
-            let subs: Vec<usize> = row[2].split('+').map(|n| n.parse::<usize>().unwrap() - 1).collect();
+            let subs: Vec<usize> =
+                row[2].split('+').map(|n| n.parse::<usize>().unwrap() - 1).collect();
             assert_eq!(subs, species.sub_biomes, "{}", species.key);
             let niche = &species.niche;
-            for (at, tolerance) in [(7, niche.sun_h), (9, niche.moisture_mm), (11, niche.temperature_c)] {
+            for (at, tolerance) in
+                [(7, niche.sun_h), (9, niche.moisture_mm), (11, niche.temperature_c)]
+            {
                 assert_eq!(number(&row[at]), tolerance.ideal, "{}", species.key);
                 assert_eq!(number(&row[at + 1]) / 2.0, tolerance.half_width, "{}", species.key);
             }
@@ -289,7 +297,11 @@ mod tests {
                 (20, niche.slope_rad.half_width.to_degrees()),
             ];
             for (column, value) in pairs {
-                assert!(close(value, number(&row[column])), "{} column {column}: {value}", species.key);
+                assert!(
+                    close(value, number(&row[column])),
+                    "{} column {column}: {value}",
+                    species.key
+                );
             }
         }
     }
@@ -313,6 +325,20 @@ mod tests {
     fn an_unknown_builtin_lists_those_there_are() {
         let message = Biome::builtin("amazon").unwrap_err().to_string();
         assert!(message.contains("amazon") && message.contains("sonoma, pyrenees"), "{message}");
+    }
+
+    #[test]
+    fn every_species_value_states_its_source() {
+        for name in Biome::BUILTIN_NAMES {
+            let text = Biome::builtin_toml(name).unwrap();
+            let species = &text[text.find("[[species]]").unwrap()..];
+            let values =
+                species.lines().filter(|line| line.contains(" = ") && !line.starts_with("key"));
+            for line in values {
+                let source = line.split_once(" # ").map_or("", |(_, source)| source);
+                assert!(source.len() > 4, "{name}: {line}");
+            }
+        }
     }
 
     #[test]

@@ -16,6 +16,17 @@ pub(super) struct LawTable {
     pub(super) exponent: f32,
 }
 
+/// Longest text read. chosen: the shipped files are 30 KB; a hundred times that is no biome.
+pub(super) const MAX_TEXT_BYTES: usize = 4 << 20;
+
+/// Values of a TOML text.
+pub(super) fn parse<T: for<'de> Deserialize<'de>>(text: &str) -> Result<T, BiomeError> {
+    if text.len() > MAX_TEXT_BYTES {
+        return Err(BiomeError::TooLarge { bytes: text.len(), limit: MAX_TEXT_BYTES });
+    }
+    toml::from_str(text).map_err(|error| BiomeError::Syntax { message: error.to_string() })
+}
+
 /// Between one and `high` entries.
 pub(super) fn count(key: &str, count: usize, high: usize) -> Result<(), BiomeError> {
     if (1..=high).contains(&count) {
@@ -43,7 +54,13 @@ impl Place {
         BiomeError::OutOfRange { place: self.0.clone(), key: key.to_owned(), value, low, high }
     }
 
-    pub(super) fn range(&self, key: &str, value: f32, low: f32, high: f32) -> Result<f32, BiomeError> {
+    pub(super) fn range(
+        &self,
+        key: &str,
+        value: f32,
+        low: f32,
+        high: f32,
+    ) -> Result<f32, BiomeError> {
         // false for NaN
         if (low..=high).contains(&value) {
             return Ok(value);
@@ -53,10 +70,20 @@ impl Place {
         Err(self.outside(key, shown(value), shown(low), shown(high)))
     }
 
-    pub(super) fn months(&self, key: &str, values: &[f32], low: f32, high: f32) -> Result<[f32; MONTHS], BiomeError> {
+    pub(super) fn months(
+        &self,
+        key: &str,
+        values: &[f32],
+        low: f32,
+        high: f32,
+    ) -> Result<[f32; MONTHS], BiomeError> {
         let Ok(months) = <[f32; MONTHS]>::try_from(values) else {
             let count = values.len();
-            return Err(BiomeError::NotTwelve { place: self.0.clone(), key: key.to_owned(), count });
+            return Err(BiomeError::NotTwelve {
+                place: self.0.clone(),
+                key: key.to_owned(),
+                count,
+            });
         };
         for (index, value) in months.into_iter().enumerate() {
             self.range(&format!("{key}[{}]", index + 1), value, low, high)?;
@@ -64,7 +91,12 @@ impl Place {
         Ok(months)
     }
 
-    pub(super) fn rising(&self, key: &str, values: &[f32], strictly: bool) -> Result<(), BiomeError> {
+    pub(super) fn rising(
+        &self,
+        key: &str,
+        values: &[f32],
+        strictly: bool,
+    ) -> Result<(), BiomeError> {
         for pair in values.windows(2) {
             if pair[1] < pair[0] || (strictly && pair[1] == pair[0]) {
                 return Err(BiomeError::OutOfOrder {
@@ -90,7 +122,12 @@ impl Place {
         for ((law, name), out) in laws.into_iter().zip(names).zip(&mut checked) {
             out.log_m = self.range(&format!("{name}.log_m"), law.log_m, -20.0, 5.0)?;
             out.exponent = self.range(&format!("{name}.exponent"), law.exponent, 0.1, 5.0)?;
-            self.range(&format!("{name} (metres at max_height_m)"), out.at_m(max_height_m), low_m, high_m)?;
+            self.range(
+                &format!("{name} (metres at max_height_m)"),
+                out.at_m(max_height_m),
+                low_m,
+                high_m,
+            )?;
         }
         let [typical, dense, isolated] = checked;
         // 0.1 %: room for rounded coefficients
@@ -101,7 +138,12 @@ impl Place {
 
     pub(super) fn bad_text(&self, key: &str, value: &str, problem: &str) -> BiomeError {
         let value = value.chars().take(40).collect();
-        BiomeError::BadText { place: self.0.clone(), key: key.to_owned(), value, problem: problem.to_owned() }
+        BiomeError::BadText {
+            place: self.0.clone(),
+            key: key.to_owned(),
+            value,
+            problem: problem.to_owned(),
+        }
     }
 
     pub(super) fn key(&self, key: &str, value: &str) -> Result<(), BiomeError> {
@@ -121,16 +163,24 @@ impl Place {
 
     pub(super) fn color(&self, key: &str, value: &str) -> Result<[u8; 3], BiomeError> {
         let bytes = value.as_bytes();
-        if bytes.len() == 7 && bytes[0] == b'#' && bytes[1..].iter().all(u8::is_ascii_hexdigit) {
-            if let Ok(rgb) = u32::from_str_radix(&value[1..], 16) {
-                let [_, r, g, b] = rgb.to_be_bytes();
-                return Ok([r, g, b]);
-            }
+        let digits = bytes
+            .strip_prefix(b"#")
+            .filter(|d| d.len() == 6 && d.iter().all(u8::is_ascii_hexdigit));
+        if digits.is_some()
+            && let Ok(rgb) = u32::from_str_radix(&value[1..], 16)
+        {
+            let [_, r, g, b] = rgb.to_be_bytes();
+            return Ok([r, g, b]);
         }
         Err(self.bad_text(key, value, "must be a colour like `#2E7D32`"))
     }
 
-    pub(super) fn reference(&self, key: &str, value: &str, known: &[String]) -> Result<usize, BiomeError> {
+    pub(super) fn reference(
+        &self,
+        key: &str,
+        value: &str,
+        known: &[String],
+    ) -> Result<usize, BiomeError> {
         known.iter().position(|name| name == value).ok_or_else(|| BiomeError::UnknownReference {
             place: self.0.clone(),
             key: key.to_owned(),
@@ -140,6 +190,10 @@ impl Place {
     }
 
     pub(super) fn duplicate(&self, key: &str, value: &str) -> BiomeError {
-        BiomeError::Duplicate { place: self.0.clone(), key: key.to_owned(), value: value.to_owned() }
+        BiomeError::Duplicate {
+            place: self.0.clone(),
+            key: key.to_owned(),
+            value: value.to_owned(),
+        }
     }
 }

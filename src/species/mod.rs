@@ -9,6 +9,7 @@ mod checks;
 pub mod climate;
 mod format;
 pub mod niche;
+#[allow(clippy::module_inception, reason = "the folder holds biomes, the file one species")]
 pub mod species;
 
 pub use allometry::{GrownEnvelope, PowerLaw};

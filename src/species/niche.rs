@@ -163,6 +163,9 @@ mod tests {
             assert!((sun.suitability(hours) - expected).abs() < 1e-6, "{hours}");
         }
         let step = Trapezoid { lowest: 2.0, full_from: 2.0, full_to: 3.0, highest: 3.0 };
-        assert_eq!((step.suitability(2.0), step.suitability(1.9), step.suitability(3.1)), (1.0, 0.0, 0.0));
+        assert_eq!(
+            (step.suitability(2.0), step.suitability(1.9), step.suitability(3.1)),
+            (1.0, 0.0, 0.0)
+        );
     }
 }
