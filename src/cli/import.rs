@@ -1,0 +1,130 @@
+//! `wildwood import`: terrain rasters or point clouds become a scene.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::{Outcome, Shared, terminal};
+use crate::io::MapWindow;
+use crate::pipeline::import::{self, DEFAULT_BIOME, ImportRequest};
+use crate::pipeline::Error;
+use crate::progress::Reporter;
+use crate::raster::{Crs, LengthUnit};
+use crate::scene::Manifest;
+use crate::terrain::import::Resampling;
+
+/// What `wildwood import` takes.
+#[derive(Args)]
+pub struct ImportArguments {
+    /// GeoTIFF, COG, ESRI ASCII grid, .elv, LAS, LAZ or COPC; several tiles are joined.
+    #[arg(required = true, value_name = "DEM|LAZ")]
+    inputs: Vec<PathBuf>,
+    /// Scene folder to make or to bring up to date.
+    #[arg(long, short, value_name = "FOLDER")]
+    output: PathBuf,
+    /// Biome whose climate (and, later, species) the scene gets: sonoma, pyrenees.
+    #[arg(long, default_value = DEFAULT_BIOME)]
+    biome: String,
+    /// TOML file with a [climate] table, and if wanted [soil], instead of the biome's.
+    #[arg(long, value_name = "FILE")]
+    climate: Option<PathBuf>,
+    /// CRS of the input's coordinates, where it names none or a wrong one: EPSG:n or a PROJ string.
+    #[arg(long)]
+    crs: Option<String>,
+    /// Unit of the input's heights, where its header is silent or wrong.
+    #[arg(long, value_enum)]
+    vertical_unit: Option<Unit>,
+    /// Part to import, in the scene's CRS (the input's own where it is metric, else its UTM zone).
+    #[arg(long, value_name = "WEST,SOUTH,EAST,NORTH", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
+    bbox: Option<Vec<f64>>,
+    /// Cell width of the scene in metres [default: the input's].
+    #[arg(long, value_name = "METRES")]
+    cell: Option<f64>,
+    /// Latitude in degrees north, where no CRS tells it [default: the climate's].
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
+    latitude: Option<f64>,
+    /// Fill inner holes up to this area; larger voids (lakes, sea) stay masked.
+    #[arg(long, value_name = "M2")]
+    fill_holes: Option<f64>,
+    /// How heights are drawn where cells differ from the input's.
+    #[arg(long, value_enum, default_value = "auto")]
+    resampling: ResamplingArgument,
+    /// Keep single cells that stand far off all their neighbours.
+    #[arg(long)]
+    keep_spikes: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Unit {
+    /// Metres.
+    M,
+    /// International feet.
+    Ft,
+    /// US survey feet.
+    UsFt,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ResamplingArgument {
+    /// Average where cells grow, bicubic otherwise.
+    Auto,
+    Bilinear,
+    Bicubic,
+}
+
+pub fn run(arguments: &ImportArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
+    let manifest = import::run(&request(arguments, shared.seed)?, reporter)?;
+    report(&arguments.output, &manifest, shared);
+    Ok(())
+}
+
+/// Tells what the scene holds.
+pub fn report(folder: &std::path::Path, manifest: &Manifest, shared: &Shared) {
+    let head = &manifest.scene;
+    if shared.json {
+        terminal::line(&json!({"event": "done", "folder": folder, "scene": head, "stages": manifest.stages}));
+    } else if !shared.quiet {
+        let [width, height] = head.extent_m;
+        terminal::say(&format!(
+            "{}: {} × {} cells of {} m ({:.0} × {:.0} m), {}, biome {}; look at {}",
+            folder.display(), head.cols, head.rows, head.cell_m, width, height, head.crs, head.biome,
+            folder.join("preview.png").display(),
+        ));
+    }
+}
+
+fn request(arguments: &ImportArguments, seed: u64) -> Result<ImportRequest, Error> {
+    let usage = |what: String| Error::Usage { what };
+    let mut request = ImportRequest::new(arguments.inputs.clone(), arguments.output.clone());
+    request.biome.clone_from(&arguments.biome);
+    request.climate_file.clone_from(&arguments.climate);
+    request.seed = seed;
+    let terrain = &mut request.terrain;
+    if let Some(text) = &arguments.crs {
+        terrain.crs = Some(Crs::parse(text).map_err(|e| usage(format!("--crs {text}: {e}")))?);
+    }
+    terrain.vertical_unit = arguments.vertical_unit.map(|unit| match unit {
+        Unit::M => LengthUnit::Metre,
+        Unit::Ft => LengthUnit::Foot,
+        Unit::UsFt => LengthUnit::UsSurveyFoot,
+    });
+    if let Some(bbox) = &arguments.bbox {
+        let [west, south, east, north] = bbox[..] else {
+            return Err(usage("--bbox takes four numbers: WEST,SOUTH,EAST,NORTH".to_owned()));
+        };
+        terrain.bbox = Some(MapWindow { west, south, east, north });
+    }
+    terrain.cell_m = arguments.cell;
+    terrain.latitude_deg = arguments.latitude;
+    if let Some(area_m2) = arguments.fill_holes {
+        terrain.fill_holes_up_to_m2 = area_m2;
+    }
+    terrain.resampling = match arguments.resampling {
+        ResamplingArgument::Auto => Resampling::Auto,
+        ResamplingArgument::Bilinear => Resampling::Bilinear,
+        ResamplingArgument::Bicubic => Resampling::Bicubic,
+    };
+    terrain.remove_spikes = !arguments.keep_spikes;
+    Ok(request)
+}

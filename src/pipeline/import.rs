@@ -1,0 +1,297 @@
+//! Real terrain into a scene folder: read, make terrain, make abiotic maps, write.
+
+use std::path::{Path, PathBuf};
+
+use super::Error;
+use super::scene_files::{StageFiles, mean};
+use crate::abiotics::{self, AbioticMaps};
+use crate::io::{self, Limits, MapWindow, las, raster_file};
+use crate::progress::{Reporter, Warning};
+use crate::raster::{Grid, LengthUnit, MONTHS};
+use crate::scene::{Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
+use crate::species::{Biome, Climate};
+use crate::terrain::import::{self as terrain_import, ImportParams};
+use crate::terrain::mosaic::NamedRaster;
+use crate::terrain::point_cloud::{self, CloudParams};
+use crate::terrain::Terrain;
+
+/// Raised whenever a stage's results change, so that older scenes are made anew.
+const RESULTS_VERSION: u32 = 1;
+
+/// What to import, from where, to where.
+#[derive(Clone, Debug)]
+pub struct ImportRequest {
+    /// Rasters, or point clouds; several are joined.
+    pub inputs: Vec<PathBuf>,
+    /// The scene folder.
+    pub folder: PathBuf,
+    /// A built-in biome's name.
+    pub biome: String,
+    /// A climate file instead of the biome's own climate.
+    pub climate_file: Option<PathBuf>,
+    /// Seed recorded in the scene for every later stage.
+    pub seed: u64,
+    /// How rasters become terrain.
+    pub terrain: ImportParams,
+    /// How abiotic maps are made.
+    pub abiotics: abiotics::Params,
+}
+
+impl ImportRequest {
+    /// A request with every setting at its default.
+    pub fn new(inputs: Vec<PathBuf>, folder: PathBuf) -> Self {
+        Self {
+            inputs,
+            folder,
+            biome: DEFAULT_BIOME.to_owned(),
+            climate_file: None,
+            seed: 1,
+            terrain: ImportParams::default(),
+            abiotics: abiotics::Params::default(),
+        }
+    }
+}
+
+/// The biome of scenes that name none.
+pub const DEFAULT_BIOME: &str = "sonoma";
+
+/// Terrain read from files, and the canopy that a point cloud measured with it.
+#[derive(Clone, Debug)]
+pub struct ReadTerrain {
+    /// The terrain.
+    pub terrain: Terrain,
+    /// Canopy and surface heights, from clouds.
+    pub canopy: Option<MeasuredCanopy>,
+}
+
+/// What a point cloud tells of the canopy, on the terrain's frame.
+#[derive(Clone, Debug)]
+pub struct MeasuredCanopy {
+    /// Height above ground, metres.
+    pub chm_m: Grid<f32>,
+    /// Elevation of the highest surface, metres.
+    pub dsm_m: Grid<f32>,
+}
+
+/// Imports, or does nothing where the scene is up to date; gives its manifest.
+///
+/// # Errors
+/// Bad input, a full disk, a cancelled run; the folder is then as it was.
+pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Error> {
+    let existing = Manifest::read(&request.folder)?;
+    let climate = climate(request)?;
+    let inputs = hash_inputs(&request.inputs)?;
+
+    let terrain_key = key(&["terrain", &format!("{inputs:?} {:?}", request.terrain)]);
+    let climate_text = format!("{climate:?}");
+    let abiotics_key = key(&["abiotics", &terrain_key, &climate_text, &format!("{:?}", request.abiotics)]);
+    let head_is_current =
+        existing.as_ref().is_some_and(|m| m.scene.biome == request.biome && m.scene.seed == request.seed);
+    let current = |stage: &str, key: &str| match &existing {
+        Some(manifest) => manifest.is_current(&request.folder, stage, key),
+        None => Ok(false),
+    };
+    let terrain_is_current = current("terrain", &terrain_key)?;
+    let abiotics_are_current = terrain_is_current && current("abiotics", &abiotics_key)?;
+    if let Some(manifest) = existing.as_ref().filter(|_| abiotics_are_current && head_is_current) {
+        return Ok(manifest.clone());
+    }
+
+    let kept = existing.filter(|_| terrain_is_current);
+    let read = match &kept {
+        Some(manifest) => ReadTerrain { terrain: load_terrain(&request.folder, manifest)?, canopy: None },
+        None => read_terrain_in(request, &climate, reporter)?,
+    };
+    let name = SceneHead::new(&request.folder, &read.terrain, &request.biome, request.seed);
+    let mut manifest = Manifest { scene: name, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
+    let mut transaction = Transaction::begin(&request.folder)?;
+    if !terrain_is_current {
+        let entry = write_terrain(&read, &mut transaction, terrain_key, terrain_parameters(request))?;
+        manifest.stages.insert("terrain".to_owned(), entry);
+    }
+    if !abiotics_are_current {
+        let maps = abiotics::run(&read.terrain, &climate, &request.abiotics, reporter)?;
+        let entry = write_abiotics(&read.terrain, &maps, &mut transaction, abiotics_key, request, reporter)?;
+        manifest.stages.insert("abiotics".to_owned(), entry);
+    }
+    reporter.check_cancelled()?;
+    transaction.commit(&manifest)?;
+    Ok(manifest)
+}
+
+/// Reads the request's files into terrain, and canopy where they are clouds.
+///
+/// # Errors
+/// Bad input or a cancelled run.
+pub fn read_terrain(request: &ImportRequest, reporter: &Reporter) -> Result<ReadTerrain, Error> {
+    read_terrain_in(request, &climate(request)?, reporter)
+}
+
+/// Writes a scene folder that holds terrain alone.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_terrain_only(terrain: &Terrain, folder: &Path) -> Result<(), Error> {
+    let mut transaction = Transaction::begin(folder)?;
+    let read = ReadTerrain { terrain: terrain.clone(), canopy: None };
+    let entry = write_terrain(&read, &mut transaction, String::new(), toml::Table::new())?;
+    let stages = [("terrain".to_owned(), entry)].into();
+    let scene = SceneHead::new(folder, terrain, DEFAULT_BIOME, 1);
+    transaction.commit(&Manifest { scene, inputs: Vec::new(), stages })?;
+    Ok(())
+}
+
+fn read_terrain_in(request: &ImportRequest, climate: &Climate, reporter: &Reporter) -> Result<ReadTerrain, Error> {
+    let stage = reporter.stage("read", request.inputs.len() as u64);
+    let limits = Limits { max_cells: request.terrain.max_cells, ..Limits::default() };
+    let clouds = request.inputs.iter().filter(|path| is_cloud(path)).count();
+    if clouds > 0 && clouds < request.inputs.len() {
+        let what = "rasters and point clouds in one import; give either elevation rasters or point clouds".to_owned();
+        return Err(Error::Usage { what });
+    }
+    if clouds > 0 {
+        let mut joined: Option<las::PointCloud> = None;
+        todo!()
+    }
+    let mut tiles = Vec::with_capacity(request.inputs.len());
+    for path in &request.inputs {
+        reporter.check_cancelled()?;
+        let raster = raster_file::read(path, None, &limits)?;
+        tiles.push(NamedRaster { path: path.clone(), raster });
+        stage.advance(1);
+    }
+    drop(stage);
+    let terrain = terrain_import::run(tiles, &request.terrain, Some(climate.latitude_deg), reporter)?;
+    Ok(ReadTerrain { terrain, canopy: None })
+}
+
+/// Whether a path names a point cloud.
+fn is_cloud(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("las") || e.eq_ignore_ascii_case("laz"))
+}
+
+fn climate(request: &ImportRequest) -> Result<Climate, Error> {
+    let biome = Biome::builtin(&request.biome)?;
+    let Some(path) = &request.climate_file else {
+        return Ok(biome.climate);
+    };
+    let text = std::fs::read_to_string(path).map_err(|source| io::Error::Read { path: path.clone(), source })?;
+    let in_file = |e: crate::species::BiomeError| Error::Usage { what: format!("{}: {e}", path.display()) };
+    Climate::from_toml(&text).map_err(in_file)
+}
+
+fn hash_inputs(paths: &[PathBuf]) -> Result<Vec<Input>, Error> {
+    let hash = |path: &PathBuf| {
+        let (blake3, bytes) =
+            hash_file(path).map_err(|source| io::Error::Read { path: path.clone(), source })?;
+        let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        Ok(Input { file, bytes, blake3 })
+    };
+    paths.iter().map(hash).collect()
+}
+
+fn key(parts: &[&str]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&RESULTS_VERSION.to_le_bytes());
+    for part in parts {
+        hasher.update(&(part.len() as u64).to_le_bytes());
+        hasher.update(part.as_bytes());
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
+fn load_terrain(folder: &Path, manifest: &Manifest) -> Result<Terrain, Error> {
+    let path = folder.join("terrain.tif");
+    let broken = |problem| crate::scene::Error::Manifest { path: folder.join("scene.toml"), problem };
+    let frame = manifest.scene.frame().map_err(broken)?;
+    let raster = raster_file::read(&path, None, &Limits::default())?;
+    if raster.values.len() != frame.len() {
+        return Err(broken("terrain.tif has another size than scene.toml says".to_owned()).into());
+    }
+    let mask = crate::raster::Mask::new(raster.valid);
+    Ok(Terrain {
+        elevation_m: Grid::new(frame, mask.into(), raster.values),
+        latitude_rad: manifest.scene.latitude_deg.to_radians(),
+        grid_convergence_rad: manifest.scene.grid_convergence_deg.to_radians(),
+    })
+}
+
+pub(super) fn write_terrain(
+    read: &ReadTerrain,
+    transaction: &mut Transaction,
+    key: String,
+    parameters: toml::Table,
+) -> Result<StageEntry, Error> {
+    let elevation = &read.terrain.elevation_m;
+    let mut files = StageFiles::new(transaction);
+    files.grid("terrain.tif", "elevation", "m", elevation)?;
+    let mut figures = toml::Table::new();
+    if let Some(canopy) = &read.canopy {
+        files.grid("chm.tif", "canopy height", "m", &canopy.chm_m)?;
+        files.grid("dsm.tif", "surface elevation", "m", &canopy.dsm_m)?;
+        figures.insert("canopy_height_mean_m".to_owned(), mean(canopy.chm_m.values(), canopy.chm_m.mask()).into());
+    }
+    if let Some((lowest, highest)) = elevation.range() {
+        figures.insert("elevation_min_m".to_owned(), f64::from(lowest).into());
+        figures.insert("elevation_max_m".to_owned(), f64::from(highest).into());
+    }
+    figures.insert("elevation_mean_m".to_owned(), mean(elevation.values(), elevation.mask()).into());
+    let masked = elevation.frame().len() - elevation.mask().valid_count();
+    figures.insert("masked_cells".to_owned(), i64::try_from(masked).unwrap_or(i64::MAX).into());
+    Ok(files.into_entry(key, parameters, figures))
+}
+
+pub(super) fn write_abiotics(
+    terrain: &Terrain,
+    maps: &AbioticMaps,
+    transaction: &mut Transaction,
+    key: String,
+    request: &ImportRequest,
+    reporter: &Reporter,
+) -> Result<StageEntry, Error> {
+    let mut files = StageFiles::new(transaction);
+    files.abiotics(maps, reporter)?;
+    let name = crate::scene::folder_name(&request.folder);
+    files.preview(&name, terrain, maps, reporter)?;
+    let mut parameters = toml::Table::new();
+    parameters.insert("biome".to_owned(), request.biome.clone().into());
+    if let Some(path) = &request.climate_file {
+        let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        parameters.insert("climate_file".to_owned(), file.into());
+    }
+    Ok(files.into_entry(key, parameters, abiotic_figures(maps)))
+}
+
+fn abiotic_figures(maps: &AbioticMaps) -> toml::Table {
+    let mut figures = toml::Table::new();
+    let mut add = |name: &str, value: f64| figures.insert(name.to_owned(), value.into());
+    let yearly = |months: &dyn Fn(usize) -> f64| (0..MONTHS).map(months).sum::<f64>() / MONTHS as f64;
+    let mask = maps.slope_rad.mask();
+    add("sunlight_mean_h_per_day", yearly(&|m| mean(maps.sunlight_h.month(m), mask)));
+    add("moisture_mean_mm", yearly(&|m| mean(maps.moisture_mm.month(m), mask)));
+    add("slope_mean_deg", mean(maps.slope_rad.values(), mask).to_degrees());
+    add("temperature_mean_c", mean(maps.temperature_c.yearly_mean().values(), mask));
+    let sum = |pick: fn(&crate::abiotics::WaterBalance) -> f64| maps.balance.iter().map(pick).sum::<f64>();
+    add("rain_mm_per_year", sum(|b| b.rain_mm));
+    add("evaporation_mm_per_year", sum(|b| b.evaporation_mm));
+    add("transpiration_mm_per_year", sum(|b| b.transpiration_mm));
+    add("outflow_mm_per_year", sum(|b| b.outflow_mm));
+    figures
+}
+
+fn terrain_parameters(request: &ImportRequest) -> toml::Table {
+    let ImportParams { crs, vertical_unit, bbox, cell_m, latitude_deg, fill_holes_up_to_m2, .. } = &request.terrain;
+    let mut table = toml::Table::new();
+    let mut add = |name: &str, value: Option<toml::Value>| {
+        if let Some(value) = value {
+            table.insert(name.to_owned(), value);
+        }
+    };
+    add("crs", crs.as_ref().map(|c| c.to_string().into()));
+    add("vertical_unit_m", vertical_unit.map(|u: LengthUnit| u.metres().into()));
+    add("bbox", bbox.map(|b: MapWindow| vec![b.west, b.south, b.east, b.north].into()));
+    add("cell_m", cell_m.map(Into::into));
+    add("latitude_deg", latitude_deg.map(Into::into));
+    add("fill_holes_up_to_m2", Some((*fill_holes_up_to_m2).into()));
+    table
+}
