@@ -44,6 +44,9 @@ pub struct Exposure {
 /// Direct sun and sky view over a terrain, with the horizon looked up in `azimuth_count` directions (at least 8)
 /// and the sun's path in steps of at most `path_step_h`.
 ///
+/// Between directions the horizon is taken as straight. Azimuths count from true north, rows from the grid's: the
+/// terrain's convergence turns the sun's path into the grid. The whole terrain has the latitude of its middle.
+///
 /// # Errors
 /// [`Cancelled`] once the run was cancelled.
 pub fn exposure(
@@ -456,8 +459,8 @@ mod tests {
 
     #[test]
     fn a_long_wall_hides_the_low_sun_and_part_of_the_sky() {
-        // a cliff of 20 m, 40 m south of the northernmost row, 1000 m to either side; half a cell of those 40 m
-        // moves each crossing by up to 2.5 minutes
+        // a cliff of 20 m, 40 m south of the northernmost row, 1000 m to either side;
+        // half a cell of them moves a crossing by up to 2.5 minutes
         let cliff = Grid::from_fn(44, 2001, 1.0, |c| if c.row >= 40 { 20.0 } else { 0.0 });
         let terrain = terrain(cliff, 42.5);
         let exposure = exposed(&terrain);
@@ -468,7 +471,10 @@ mod tests {
                 up / (-north).max(1e-9) > 20.0 / 40.0
             });
             let hours = f64::from(exposure.direct_sun_h.month(month_index)[index]);
-            assert!((hours - expected_h).abs() < 5.0 / 60.0, "month {month_index}: {hours}, {expected_h}");
+            assert!(
+                (hours - expected_h).abs() < 5.0 / 60.0,
+                "month {month_index}: {hours}, {expected_h}"
+            );
         }
         // December's noon sun stands 24° high, the cliff 26.6°
         assert!(exposure.direct_sun_h.month(11)[index] < 0.1);
@@ -530,9 +536,23 @@ mod tests {
     }
 
     #[test]
+    fn a_cancelled_run_stops() {
+        let silence = Reporter::new(Box::new(Quiet), Arc::new(true.into()));
+        let terrain = terrain(Grid::from_fn(4, 4, 1.0, |_| 0.0), 42.5);
+        assert!(exposure(&terrain, 64, 0.25, &silence).is_err());
+    }
+
+    struct Quiet;
+    impl crate::progress::Sink for Quiet {
+        fn event(&self, _: &crate::progress::Event<'_>) {}
+    }
+
+    #[test]
     fn no_terrain_is_no_trouble() {
-        let frame = Arc::new(Frame::local(0, 0, 1.0));
-        let grid = Grid::new(frame, Arc::new(Mask::all_valid(0)), Vec::new());
-        assert!(exposed(&terrain(grid, 42.5)).sky_view.values().is_empty());
+        for (rows, cols) in [(0, 0), (0, 5), (5, 0)] {
+            let frame = Arc::new(Frame::local(rows, cols, 1.0));
+            let grid = Grid::new(frame, Arc::new(Mask::all_valid(0)), Vec::new());
+            assert!(exposed(&terrain(grid, 42.5)).sky_view.values().is_empty());
+        }
     }
 }

@@ -7,7 +7,9 @@
 //! A line follows its azimuth exactly: it advances one column at a time (one row for azimuths nearer to
 //! north and south, which run on a transposed copy) and reads heights interpolated between the two
 //! cells it passes. It *owns* the nearer of the two and stores its result for it. Lines that leave the grid
-//! come back in on the other side as new lines, so (line, column) and cells correspond one to one.
+//! come back in on the other side as new lines, so (line, column) and cells correspond one to one. A cell's
+//! horizon is interpolated at its centre between the line that owns it and the one beyond the centre: taken from the
+//! owner alone, it would show where lines change rows.
 //!
 //! # Reference
 //! Timonen & Westerholm 2010, "Scalable height field self-shadowing", Computer Graphics Forum 29(2),
@@ -97,7 +99,7 @@ impl Raster {
 }
 
 /// How the lines of one azimuth run over a raster: line `k` passes, at step `i` along the raster's lines,
-/// the point `own_shift[i] + k` (nearest cell) or `base_shift + k + fraction[i]` (exactly).
+/// nearest to the cell in raster line `k + own_shift[i]`, and owns it.
 struct Shear {
     /// Whether the lines run along columns of the grid rather than rows.
     by_col: bool,
@@ -123,15 +125,15 @@ impl Shear {
         let gradient = across / along;
         // a line that meets cell centres but for the last digits of sin and cos meets them exactly
         let exact = |steps: usize| (steps as f64 * gradient * 1e9).round() / 1e9;
-        let own = |offset: f64| (offset + 0.5).floor();
-        let offsets = (0..raster.length).map(exact);
-        Self {
-            by_col,
-            forward: along > 0.0,
-            step_m: heights.cell_m * (1.0 + gradient * gradient).sqrt(),
-            own_shift: offsets.clone().map(|o| own(o) as i32).collect(), // below the grid's side
-            fraction: offsets.map(|o| (o - o.floor()) as f32).collect(), // in 0..1
-        }
+        let passed = |step: usize| {
+            let (first, fraction) =
+                (exact(step).floor(), (exact(step) - exact(step).floor()) as f32);
+            // offsets are smaller than the grid's side
+            (first as i32 + i32::from(Self::owns_second(fraction)), fraction)
+        };
+        let (own_shift, fraction) = (0..raster.length).map(passed).unzip();
+        let step_m = heights.cell_m * (1.0 + gradient * gradient).sqrt();
+        Self { by_col, forward: along > 0.0, step_m, own_shift, fraction }
     }
 
     /// Whether the owned cell is the second of the two passed at a step.
@@ -142,9 +144,10 @@ impl Shear {
 }
 
 /// A point of a line's hull.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct HullPoint {
-    step: usize,
+    /// Step number; exact in f32 up to 16 million.
+    step: f32,
     height_m: f32,
     /// Rise per step from here to the hull's next point outward.
     rise_m: f32,
@@ -155,10 +158,21 @@ pub(crate) struct Horizon {
     by_col: bool,
     lines: usize,
     stride: usize,
-    /// The line that owns a step's cell in the raster's first line.
-    first_owner: Vec<usize>,
-    /// Tangent of the horizon's elevation.
+    /// By step of the lines, where to look the cells' centres up.
+    lookups: Vec<Lookup>,
+    /// Tangent of the horizon's elevation along the lines; NaN where the owned cell is masked.
     tan_elevation: Vec<f32>,
+}
+
+/// Where the centres of the cells at one step of the lines lie: between the line that owns the cell and another.
+#[derive(Clone, Copy)]
+struct Lookup {
+    /// The line that owns the cell in the raster's first line.
+    first_owner: usize,
+    /// Share of the other line, in 0..=1/2.
+    other_fraction: f32,
+    /// Whether the other is the line before rather than after.
+    other_is_before: bool,
 }
 
 impl Horizon {
@@ -169,17 +183,22 @@ impl Horizon {
         let mut tan_elevation = storage;
         tan_elevation.resize(raster.lines * raster.stride, 0.0);
         tan_elevation.par_chunks_mut(raster.stride * LINES_PER_TASK).enumerate().for_each_init(
-            || Vec::with_capacity(raster.length),
+            || vec![HullPoint::default(); raster.length],
             |hull, (task, lines)| {
                 for (offset, line) in lines.chunks_exact_mut(raster.stride).enumerate() {
                     sweep_line(raster, &shear, task * LINES_PER_TASK + offset, line, hull);
                 }
             },
         );
-        let lines = raster.lines;
-        let owner = |shift: &i32| i64::from(-shift).rem_euclid(lines as i64) as usize; // in 0..lines
-        let first_owner = shear.own_shift.iter().map(owner).collect();
-        Self { by_col: shear.by_col, lines, stride: raster.stride, first_owner, tan_elevation }
+        let lookup = |(own_shift, fraction): (&i32, &f32)| Lookup {
+            // in 0..lines; a grid without cells looks nothing up
+            first_owner: i64::from(-own_shift).rem_euclid(raster.lines.max(1) as i64) as usize,
+            other_fraction: fraction.min(1.0 - fraction),
+            other_is_before: !Shear::owns_second(*fraction),
+        };
+        let lookups = shear.own_shift.iter().zip(&shear.fraction).map(lookup).collect();
+        let (by_col, lines, stride) = (shear.by_col, raster.lines, raster.stride);
+        Self { by_col, lines, stride, lookups, tan_elevation }
     }
 
     /// The storage, for the next sweep.
@@ -212,22 +231,40 @@ impl Horizon {
         })
     }
 
+    /// The horizon at a cell's centre, 0 where masked: its line passes up to half a cell beside it,
+    /// so the nearest line on the other side has a say too.
     #[inline]
     fn at(&self, raster_line: usize, step: usize) -> f32 {
-        let line = raster_line + self.first_owner[step];
+        let lookup = self.lookups[step];
+        let own = self.on_line_of(raster_line, step, lookup.first_owner);
+        let other_line = if lookup.other_is_before {
+            raster_line.saturating_sub(1)
+        } else {
+            (raster_line + 1).min(self.lines - 1)
+        };
+        let other = self.on_line_of(other_line, step, lookup.first_owner);
+        let tan = own + lookup.other_fraction * (other - own);
+        // beside the unknown there is no other line
+        if !tan.is_nan() {
+            tan
+        } else if !own.is_nan() {
+            own
+        } else {
+            0.0
+        }
+    }
+
+    /// The horizon along the line that owns a cell.
+    #[inline]
+    fn on_line_of(&self, raster_line: usize, step: usize, first_owner: usize) -> f32 {
+        let line = raster_line + first_owner;
         let line = if line < self.lines { line } else { line - self.lines };
         self.tan_elevation[line * self.stride + step]
     }
 }
 
 /// Horizon along line `k`.
-fn sweep_line(
-    raster: &Raster,
-    shear: &Shear,
-    k: usize,
-    out: &mut [f32],
-    hull: &mut Vec<HullPoint>,
-) {
+fn sweep_line(raster: &Raster, shear: &Shear, k: usize, out: &mut [f32], hull: &mut [HullPoint]) {
     let lines = raster.lines as i64;
     let mut start = 0;
     // each piece of the line between two wraps around the grid is a line of its own
@@ -253,25 +290,28 @@ fn sweep_piece(
     first_line: i64,
     steps: impl Iterator<Item = usize>,
     out: &mut [f32],
-    hull: &mut Vec<HullPoint>,
+    hull: &mut [HullPoint],
 ) {
     let steps_per_m = (1.0 / shear.step_m) as f32; // cells are 0.1–100 m
-    hull.clear();
+    let mut hull_len = 0;
     for step in steps {
         let Some(height_m) = raster.profile_m(shear, first_line, step) else {
-            out[step] = 0.0;
+            out[step] = f32::NAN;
             continue;
         };
+        let place = step as f32;
         let mut rise_m = f32::NEG_INFINITY;
-        while let Some(nearest) = hull.last() {
-            rise_m = (nearest.height_m - height_m) / nearest.step.abs_diff(step) as f32;
+        while hull_len > 0 {
+            let nearest = hull[hull_len - 1];
+            rise_m = (nearest.height_m - height_m) / (nearest.step - place).abs();
             if rise_m > nearest.rise_m {
                 break;
             }
-            hull.pop();
+            hull_len -= 1;
         }
         out[step] = if rise_m.is_finite() { rise_m * steps_per_m } else { 0.0 };
-        hull.push(HullPoint { step, height_m, rise_m });
+        hull[hull_len] = HullPoint { step: place, height_m, rise_m };
+        hull_len += 1;
     }
 }
 
@@ -287,7 +327,8 @@ impl Raster {
         if height_m.is_nan() { self.rim_profile_m(first, fraction) } else { Some(height_m) }
     }
 
-    /// The same beside the unknown: the owned cell's height, continued at the gradient from the cell behind it.
+    /// The same beside the unknown: the owned cell's height, continued at the gradient from the cell behind it;
+    /// `first` is the first of the two cells passed.
     #[cold]
     fn rim_profile_m(&self, first: usize, fraction: f32) -> Option<f32> {
         let (own, behind, away) = if Shear::owns_second(fraction) {
@@ -331,39 +372,53 @@ mod tests {
         hash as f32 / 4096.0 * 20.0
     }
 
-    /// The horizon by looking at every step of the line through a cell.
+    /// The horizon by looking at every step of the lines on either side of a cell's centre.
     fn marched_tan(elevation_m: &Grid<f32>, azimuth_rad: f64, cell: Cell) -> f64 {
         let frame = elevation_m.frame();
         let (east, south) = (sin_f64(azimuth_rad), -cos_f64(azimuth_rad));
         let by_col = south.abs() > east.abs();
-        let (along, across) = if by_col { (south, east) } else { (east, south) };
-        let (own, own_across, steps, lines) = if by_col {
+        let (along, gradient) = if by_col { (south, east / south) } else { (east, south / east) };
+        let (step, line, steps, lines) = if by_col {
             (cell.row, cell.col, frame.rows, frame.cols)
         } else {
             (cell.col, cell.row, frame.cols, frame.rows)
         };
-        let z = |step: usize, line: f64| -> f64 {
-            let at = |line: usize| {
+        let z = |step: usize, at: f64| -> f64 {
+            let height = |line: usize| {
                 let (row, col) = if by_col { (step, line) } else { (line, step) };
                 f64::from(elevation_m[Cell { row, col }])
             };
-            // lines up to half a cell outside continue the two cells at the rim
-            let first = (line.floor().max(0.0) as usize).min(lines - 2);
-            let fraction = line - first as f64;
-            at(first) + fraction * (at(first + 1) - at(first))
+            // up to half a cell outside, the two cells at the rim continue
+            let first = (at.floor().max(0.0) as usize).min(lines - 2);
+            height(first) + (at - first as f64) * (height(first + 1) - height(first))
         };
-        let gradient = across / along;
-        let shift = (own as f64 * gradient * 1e9).round() / 1e9;
-        let line_at_zero = own_across as f64 - (shift + 0.5).floor();
-        let line = |step: usize| line_at_zero + (step as f64 * gradient * 1e9).round() / 1e9;
-        let own_m = z(own, line(own));
-        let ahead = if along > 0.0 { own + 1..steps } else { 0..own };
+        let shift = |step: usize| (step as f64 * gradient * 1e9).round() / 1e9;
+        let ahead = if along > 0.0 { step + 1..steps } else { 0..step };
         let step_m = f64::from(frame.cell_m()) * (1.0 + gradient * gradient).sqrt();
-        ahead
-            .filter(|&step| (-0.5..lines as f64 - 0.5).contains(&line(step)))
-            .map(|step| (z(step, line(step)) - own_m) / (step.abs_diff(own) as f64 * step_m))
-            .reduce(f64::max)
-            .unwrap_or(0.0)
+        let on_line = |offset: f64| {
+            let at = |other: usize| offset + shift(other) - shift(step);
+            let inside = |other: &usize| (-0.5..lines as f64 - 0.5).contains(&at(*other));
+            // beyond its first step outside, a line is another line
+            let steps = ahead.clone();
+            let reached: Vec<usize> = if along > 0.0 {
+                steps.take_while(inside).collect()
+            } else {
+                steps.rev().take_while(inside).collect()
+            };
+            let rise = |other: usize| {
+                let distance_m = other.abs_diff(step) as f64 * step_m;
+                (z(other, at(other)) - z(step, offset)) / distance_m
+            };
+            reached.into_iter().map(rise).reduce(f64::max).unwrap_or(0.0)
+        };
+        let beside = shift(step) - (shift(step) + 0.5).floor();
+        let own = on_line(line as f64 + beside);
+        let other = line as f64 + beside - if beside < 0.0 { -1.0 } else { 1.0 };
+        if (-0.5..lines as f64 - 0.5).contains(&other) {
+            own + beside.abs() * (on_line(other) - own)
+        } else {
+            own
+        }
     }
 
     #[test]

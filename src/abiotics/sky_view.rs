@@ -34,7 +34,7 @@ fn cos_slope(Gradient { to_east, to_north }: Gradient) -> f32 {
     1.0 / (1.0 + to_east * to_east + to_north * to_north).sqrt()
 }
 
-/// Angle from the zenith whose elevation has the tangent `tan` ≥ 0, in radians, to 1e-5; branch-free for vector units.
+/// Angle from the zenith whose elevation has the tangent `tan` ≥ 0, in radians, to 1e-5; without branches.
 ///
 /// # Reference
 /// Abramowitz & Stegun 1964, Handbook of Mathematical Functions, 4.4.47.

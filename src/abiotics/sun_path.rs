@@ -43,6 +43,7 @@ pub(crate) fn sun_arcs_by_sector(
     azimuth_count: usize,
     longest_step_h: f64,
 ) -> Vec<Vec<SunArc>> {
+    assert!(longest_step_h > 0.0, "steps along the sun's path take no time");
     let mut sectors = vec![Vec::new(); azimuth_count];
     let width_rad = TAU / azimuth_count as f64;
     for (month_index, day) in REPRESENTATIVE_DAY.iter().enumerate() {
@@ -104,4 +105,57 @@ fn pieces(
     }
     cuts.sort_by(f64::total_cmp);
     cuts.windows(2).map(|w| (w[0], w[1])).filter(|(from, to)| to - from > SHORTEST_RAD).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::abiotics::solar::day_length_h;
+
+    #[test]
+    fn the_path_takes_the_whole_day_in_short_steps() {
+        for latitude_deg in [-90.0, -66.6, -35.0, -10.0, 0.0, 21.3, 42.5, 66.6, 89.0] {
+            for convergence_rad in [0.0, 0.05, -2.0] {
+                let latitude_rad = f64::to_radians(latitude_deg);
+                let sectors = sun_arcs_by_sector(latitude_rad, convergence_rad, 64, 0.25);
+                let mut hours = [0.0; 12];
+                for arc in sectors.iter().flatten() {
+                    let steps = arc.nodes.iter().map(|node| 2.0 * f64::from(node.half_step_h));
+                    hours[arc.month_index] += steps.clone().sum::<f64>();
+                    assert!(steps.clone().all(|step_h| step_h < 0.25 + 1e-6));
+                    assert!(arc.nodes.len() >= 2);
+                }
+                for (month_index, day) in REPRESENTATIVE_DAY.iter().enumerate() {
+                    let expected_h = day_length_h(latitude_rad, declination_rad(*day));
+                    let off_s = (hours[month_index] - expected_h).abs() * 3600.0;
+                    assert!(off_s < 0.1, "{latitude_deg}°, month {month_index}: {off_s} s");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn nodes_lie_where_the_sun_stands() {
+        // the noon sun of December at 42.5° N: due south, 24.4° high
+        let sectors = sun_arcs_by_sector(42.5_f64.to_radians(), 0.0, 64, 0.25);
+        let arc = sectors[32].iter().find(|arc| arc.month_index == 11);
+        let noon = arc.map(|arc| arc.nodes[0]).expect("the sun passes south");
+        let declination_rad = declination_rad(REPRESENTATIVE_DAY[11]);
+        let expected = tan_f64(PI / 2.0 - 42.5_f64.to_radians() + declination_rad);
+        assert!((f64::from(noon.tan_elevation) - expected).abs() < 1e-6);
+        assert!(noon.sector_fraction < 1e-6);
+        // within a sector the sun goes from one side to the other
+        let arc = sectors[40].iter().find(|arc| arc.month_index == 5);
+        let nodes = &arc.expect("the afternoon sun of June passes").nodes;
+        assert!(nodes[0].sector_fraction < 1e-5);
+        assert!(nodes[nodes.len() - 1].sector_fraction > 1.0 - 1e-5);
+    }
+
+    #[test]
+    fn no_sun_from_the_north_in_winter() {
+        let sectors = sun_arcs_by_sector(42.5_f64.to_radians(), 0.0, 64, 0.25);
+        let north = sectors[0..16].iter().chain(&sectors[48..64]).flatten();
+        assert!(north.clone().all(|arc| (3..9).contains(&arc.month_index)));
+        assert!(north.count() > 0);
+    }
 }

@@ -32,6 +32,8 @@ pub struct SunlightParams {
 impl Default for SunlightParams {
     fn default() -> Self {
         Self {
+            // chosen: on real 1–2 m terrain hours of 64 and 256 directions differ by 0.06–0.09 h (rms), less than
+            // the 0.1–0.2 h by which any number of them differs from rays marched minute by minute
             azimuth_count: 64,
             path_step_h: 0.25,                 // Kapp 2020, section 5.1
             clear_sky_diffuse_fraction: 0.165, // Erbs et al. 1982, clearness index above 0.8
@@ -110,5 +112,109 @@ impl MonthLight {
     #[inline]
     fn sunlight_h(&self, direct_sun_h: f32, sky_view: f32) -> f32 {
         self.direct * direct_sun_h + self.sky * sky_view * self.day_length_h
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+    use crate::abiotics::slope::{aspect_rad, slope_rad};
+    use crate::raster::MONTHS;
+    use crate::species::Soil;
+
+    /// The weather of Sonoma, Kapp 2020.
+    fn climate() -> Climate {
+        Climate {
+            latitude_deg: 38.578,
+            station_altitude_m: 0.0,
+            temperature_c: [15.0; MONTHS],
+            clear_sky_fraction: [
+                0.43, 0.45, 0.50, 0.57, 0.67, 0.81, 0.92, 0.90, 0.87, 0.72, 0.53, 0.47,
+            ],
+            rain_mm: [50.0; MONTHS],
+            lapse_rate_c_per_m: 0.0065,
+            soil: Soil {
+                evaporated_rain_fraction: 0.25,
+                infiltration_max_mm: 100.0,
+                infiltration_full_slope_rad: 0.0873,
+                infiltration_none_slope_rad: 0.96,
+                soil_capacity_mm: 180.0,
+            },
+        }
+    }
+
+    fn sunlight(terrain: &Terrain, climate: &Climate) -> Sunlight {
+        let params = SunlightParams::default();
+        run(terrain, climate, &params, &Reporter::silent()).expect("nobody cancels")
+    }
+
+    #[test]
+    fn open_level_ground_has_the_day_less_what_clouds_keep() {
+        let (climate, latitude_rad) = (climate(), 38.578_f64.to_radians());
+        let terrain = Terrain {
+            elevation_m: Grid::from_fn(3, 9, 1.0, |_| 100.0),
+            latitude_rad,
+            grid_convergence_rad: 0.0,
+        };
+        let sunlight = sunlight(&terrain, &climate);
+        for (month_index, day) in REPRESENTATIVE_DAY.iter().enumerate() {
+            let clear = f64::from(climate.clear_sky_fraction[month_index]);
+            let day_h = day_length_h(latitude_rad, declination_rad(*day));
+            let expected_h = day_h * (clear + 0.25 * (1.0 - clear));
+            let open_h = open_sky_sunlight_h(latitude_rad, &climate, month_index);
+            assert!((open_h - expected_h).abs() < 1e-5);
+            for hours in sunlight.sunlight_h.month(month_index) {
+                assert!((f64::from(*hours) - expected_h).abs() < 1e-4);
+            }
+        }
+    }
+
+    #[test]
+    fn clouds_spare_the_shade() {
+        // a cloudier month takes light from the sun's side, and gives the shaded cell none it had not
+        let mut climate = climate();
+        climate.clear_sky_fraction[0] = 1.0;
+        let params = SunlightParams::default();
+        let clear = MonthLight::new(0.7, &climate, &params, 0);
+        climate.clear_sky_fraction[0] = 0.0;
+        let overcast = MonthLight::new(0.7, &climate, &params, 0);
+        assert_eq!(overcast.sunlight_h(8.0, 0.8), overcast.sunlight_h(0.0, 0.8));
+        assert!(clear.sunlight_h(8.0, 0.8) > 3.0 * overcast.sunlight_h(8.0, 0.8));
+        assert!(clear.sunlight_h(0.0, 0.8) < overcast.sunlight_h(0.0, 0.8));
+    }
+
+    #[test]
+    fn gresolets_northern_slopes_lie_dark_in_winter() {
+        let data = std::env::var_os("WILDWOOD_DATA").map_or_else(
+            || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")),
+            PathBuf::from,
+        );
+        let Ok(text) = std::fs::read_to_string(data.join("gresolet/heightfield.elv")) else {
+            eprintln!("skipped: ../shared/data is missing");
+            return;
+        };
+        let numbers: Vec<f32> = text.split_whitespace().map_while(|n| n.parse().ok()).collect();
+        let (cols, rows) = (numbers[0] as usize, numbers[1] as usize);
+        let elevation_m = Grid::from_fn(rows, cols, f64::from(numbers[2]), |cell| {
+            numbers[4 + (rows - 1 - cell.row) * cols + cell.col]
+        });
+        let latitude_rad = f64::from(numbers[3]).to_radians();
+        let terrain = Terrain { elevation_m, latitude_rad, grid_convergence_rad: 0.0 };
+        let december = sunlight(&terrain, &climate()).sunlight_h.month(11).to_vec();
+        let slope = slope_rad(&terrain.elevation_m);
+        let aspect = aspect_rad(&terrain.elevation_m);
+        let mean_h = |facing_deg: f32| {
+            let faces = |index: &usize| {
+                let off_deg = (aspect.values()[*index].to_degrees() - facing_deg).rem_euclid(360.0);
+                slope.values()[*index] > 0.26 && !(45.0..=315.0).contains(&off_deg)
+            };
+            let hours = (0..december.len()).filter(faces).map(|index| december[index]);
+            let (sum, count) = hours.fold((0.0, 0.0), |(sum, count), h| (sum + h, count + 1.0));
+            sum / count
+        };
+        let (north_h, south_h) = (mean_h(0.0), mean_h(180.0));
+        assert!(south_h > 1.5 * north_h, "north {north_h} h, south {south_h} h");
     }
 }
