@@ -140,6 +140,11 @@ impl MonthlyGrid {
         &self.months[month_index]
     }
 
+    /// The months' values, January first, to be worked on in place.
+    pub fn into_months(self) -> [Vec<f32>; MONTHS] {
+        self.months
+    }
+
     /// Mean over the year, cell by cell.
     pub fn yearly_mean(&self) -> Grid<f32> {
         let mut sum = vec![0.0_f32; self.frame.len()];
