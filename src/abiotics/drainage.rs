@@ -188,10 +188,15 @@ pub(super) fn flow_shares(falls: &[f32; 8]) -> [f32; 8] {
         shares[d] = falls[d] * CONTOUR_LENGTH[d];
         sum += shares[d];
     }
-    if sum > 0.0 {
-        for share in &mut shares {
-            *share /= sum;
-        }
+    let mut left = 1.0;
+    let mut last = None;
+    for (d, share) in shares.iter_mut().enumerate().filter(|(_, share)| **share > 0.0) {
+        *share /= sum;
+        left -= *share;
+        last = Some(d);
+    }
+    if let Some(d) = last {
+        shares[d] = (shares[d] + left).max(0.0); // the rounding, so that none of it is lost
     }
     shares
 }

@@ -61,9 +61,9 @@ pub struct MoistureParams {
 impl Default for MoistureParams {
     fn default() -> Self {
         Self {
-            percolation_per_month: 0.2,
-            hillslope_drainage_per_month: 2.0,
-            run_on_infiltration_m: 100.0,
+            percolation_per_month: 0.4,
+            hillslope_drainage_per_month: 2.4,
+            run_on_infiltration_m: 150.0,
             channel_area_m2: 10_000.0,
             river_discharge_m3_s: 0.001,
             riparian_reach_m: 2.0,

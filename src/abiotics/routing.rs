@@ -279,8 +279,8 @@ impl Tile {
         slot[..MONTHS].copy_from_slice(&year.moisture_mm);
         slot[LAST] = year.outflow_mm.iter().sum::<f64>() as f32;
         for m in 0..MONTHS {
-            self.sums.transpiration_mm[m] += f64::from(year.transpiration_mm[m]);
-            self.sums.storage_change_mm[m] += f64::from(year.storage_change_mm[m]);
+            self.sums.transpiration_mm[m] += year.transpiration_mm[m];
+            self.sums.storage_change_mm[m] += year.storage_change_mm[m];
         }
 
         // Its water on the way down
