@@ -1,6 +1,7 @@
 //! Which way water runs: a depression-free surface and the shares each lower neighbour receives.
 //!
-//! Every valid cell of the surface either has a strictly lower neighbour or lies on the map's edge,
+//! Every valid cell of the surface either has a strictly lower neighbour or lies on the map's edge (voids
+//! have edges too), where the ground is taken to go on as it came and water leaves if that is down;
 //! so descending heights are an order in which all of a cell's upslope cells come before it.
 //!
 //! # Reference
@@ -120,18 +121,25 @@ impl DrainageSurface {
         self.height_m[padded(self.cols + 2, cell.row, cell.col)]
     }
 
-    /// Fall to each of [`NEIGHBOURS`] per cell width, in metres; 0 where the neighbour is no lower.
+    /// The ways down from a valid cell.
     #[inline]
-    pub fn falls(&self, cell: Cell) -> [f32; 8] {
+    pub fn descent(&self, cell: Cell) -> Descent {
         let stride = self.cols + 2;
         let p = padded(stride, cell.row, cell.col);
         let here = self.height_m[p];
-        let mut falls =
-            neighbour_offsets(stride).map(|o| (here - self.height_m[step(p, o)]).max(0.0));
-        for (fall, inverse) in falls.iter_mut().zip(INVERSE_DISTANCE) {
-            *fall *= inverse;
+        let around = neighbour_offsets(stride).map(|o| self.height_m[step(p, o)]);
+        let mut descent = Descent { falls: [0.0; 8], outward: [false; 8] };
+        for d in 0..8 {
+            let mut fall = here - around[d];
+            if around[d] == f32::INFINITY {
+                // beyond the edge the ground goes on as it came
+                let behind = around[(d + 4) % 8];
+                fall = if behind == f32::INFINITY { 0.0 } else { behind - here };
+                descent.outward[d] = true;
+            }
+            descent.falls[d] = fall.max(0.0) * INVERSE_DISTANCE[d];
         }
-        falls
+        descent
     }
 
     /// Number of neighbours that are strictly higher and valid: those whose water may come here.
@@ -149,10 +157,10 @@ impl DrainageSurface {
             .sum()
     }
 
-    /// The neighbour that the steepest way down leads to; `None` where water leaves the map.
+    /// The cell that the steepest way down leads to; `None` where that way leaves the map.
     #[inline]
     pub fn receiver(&self, cell: Cell) -> Option<Cell> {
-        steepest(&self.falls(cell)).map(|direction| neighbour(cell, direction))
+        self.descent(cell).steepest_inward().map(|direction| neighbour(cell, direction))
     }
 }
 
@@ -163,42 +171,52 @@ pub(super) fn neighbour(cell: Cell, direction: usize) -> Cell {
     Cell { row: step(cell.row, row), col: step(cell.col, col) }
 }
 
-/// Direction of the steepest fall, the first of equals; `None` where nothing is lower.
-#[inline]
-pub(super) fn steepest(falls: &[f32; 8]) -> Option<usize> {
-    let mut best = None;
-    let mut best_fall = 0.0;
-    for (direction, &fall) in falls.iter().enumerate() {
-        if fall > best_fall {
-            (best, best_fall) = (Some(direction), fall);
-        }
-    }
-    best
+/// The ways down from a cell.
+pub(super) struct Descent {
+    /// Fall to each of [`NEIGHBOURS`] per cell width, in metres; 0 where there is none.
+    pub falls: [f32; 8],
+    /// Whether that neighbour lies off the map or is masked: water going there is gone.
+    pub outward: [bool; 8],
 }
 
-/// Share of a cell's water that each lower neighbour receives; they sum to 1, or to 0 at an outlet.
-///
-/// # Reference
-/// Quinn et al. 1991, Eq. 3: contour length times slope.
-#[inline]
-pub(super) fn flow_shares(falls: &[f32; 8]) -> [f32; 8] {
-    let mut shares = [0.0; 8];
-    let mut sum = 0.0;
-    for d in 0..8 {
-        shares[d] = falls[d] * CONTOUR_LENGTH[d];
-        sum += shares[d];
+impl Descent {
+    /// Direction of the steepest fall, the first of equals; `None` if it leads off the map.
+    #[inline]
+    pub fn steepest_inward(&self) -> Option<usize> {
+        let mut best = None;
+        let mut best_fall = 0.0;
+        for (direction, &fall) in self.falls.iter().enumerate() {
+            if fall > best_fall {
+                (best, best_fall) = (Some(direction), fall);
+            }
+        }
+        best.filter(|&direction| !self.outward[direction])
     }
-    let mut left = 1.0;
-    let mut last = None;
-    for (d, share) in shares.iter_mut().enumerate().filter(|(_, share)| **share > 0.0) {
-        *share /= sum;
-        left -= *share;
-        last = Some(d);
+
+    /// Whether there is no way down: only on the map's edge, where all water leaves.
+    #[inline]
+    pub fn is_sink(&self) -> bool {
+        self.falls.iter().all(|&fall| fall == 0.0)
     }
-    if let Some(d) = last {
-        shares[d] = (shares[d] + left).max(0.0); // the rounding, so that none of it is lost
+
+    /// Share of the cell's water that takes each way; they sum to 1, or to 0 in a sink.
+    ///
+    /// # Reference
+    /// Quinn et al. 1991, Eq. 3: contour length times slope.
+    #[inline]
+    pub fn shares(&self) -> [f64; 8] {
+        let mut shares = [0.0; 8];
+        let mut sum = 0.0;
+        for (d, share) in shares.iter_mut().enumerate() {
+            *share = f64::from(self.falls[d] * CONTOUR_LENGTH[d]);
+            sum += *share;
+        }
+        if sum > 0.0 {
+            let inverse = 1.0 / sum;
+            shares.iter_mut().for_each(|share| *share *= inverse);
+        }
+        shares
     }
-    shares
 }
 
 /// Index with the rim counted.
@@ -378,12 +396,23 @@ mod tests {
     #[test]
     fn a_plane_shares_its_water_evenly_to_both_sides_of_the_fall_line() {
         let elevation_m = Grid::from_fn(5, 5, 2.0, |cell| 50.0 - cell.col as f32);
-        let shares = flow_shares(&surface(&elevation_m).falls(Cell { row: 2, col: 2 }));
+        let shares = surface(&elevation_m).descent(Cell { row: 2, col: 2 }).shares();
         // east 0.5·1, corners √2/4·1/√2 = 0.25 each
         let expected = [0.0, 0.25, 0.5, 0.25, 0.0, 0.0, 0.0, 0.0];
         for (share, expected) in shares.iter().zip(expected) {
             assert!((share - expected).abs() < 1e-6, "{shares:?}");
         }
+    }
+
+    #[test]
+    fn water_crosses_the_edge_of_a_slope_that_goes_on_beyond_it() {
+        let elevation_m =
+            Grid::from_fn(5, 5, 1.0, |cell| 50.0 - 2.0 * cell.col as f32 - 0.1 * cell.row as f32);
+        let surface = surface(&elevation_m);
+        let descent = surface.descent(Cell { row: 2, col: 4 });
+        assert_eq!(descent.steepest_inward(), None);
+        let gone: f64 = (0..8).filter(|&d| descent.outward[d]).map(|d| descent.shares()[d]).sum();
+        assert!(gone > 0.9, "{gone}");
     }
 
     #[test]

@@ -153,8 +153,9 @@ pub(super) fn take_up(
     Uptake { taken_mm }
 }
 
-/// Serves every channel cell's want from its flow, upstream first, never more than flows anywhere below.
-/// Returns the share of each want that was met, and the total taken; lowers the channels' outflow.
+/// Serves every channel cell's want from its flow, never more than flows anywhere below it. Where water
+/// is short a cell takes of what reaches it only its part of all wants from there to the mouth, so
+/// that banks fare alike along a river. Returns the share of each want that was met, and the total taken; lowers the channels' outflow.
 fn share_out(
     channels: &mut [ChannelCell],
     wanted_mm: &[[f64; MONTHS]],
@@ -184,6 +185,16 @@ fn share_out(
         }
     }
 
+    // Wants from each cell down to its mouth
+    let mut below_mm = wanted_mm.to_vec();
+    for i in (0..channels.len()).rev() {
+        if let Some(receiver) = receivers[i] {
+            for m in 0..MONTHS {
+                below_mm[i][m] += below_mm[receiver][m];
+            }
+        }
+    }
+
     // Taken from the head waters down
     let mut taken_mm = inflow_mm;
     taken_mm.fill([0.0; MONTHS]);
@@ -193,7 +204,8 @@ fn share_out(
         for m in 0..MONTHS {
             let wanted = wanted_mm[i][m];
             if wanted > 0.0 {
-                let given = wanted.min((allowed_mm[i][m] - taken_mm[i][m]).max(0.0));
+                let available = (allowed_mm[i][m] - taken_mm[i][m]).max(0.0);
+                let given = wanted * (available / below_mm[i][m]).min(1.0);
                 met_fraction[i][m] = (given / wanted) as f32;
                 taken_mm[i][m] += given;
                 total_mm[m] += given;
@@ -255,9 +267,10 @@ mod tests {
         let mut channels = network([10.0, 30.0, 4.0, 5.0]);
         let wanted = [[100.0; MONTHS]; 4];
         let (met, total) = share_out(&mut channels, &wanted);
-        assert!((met[0][0] - 0.01).abs() < 1e-6 && (met[1][0] - 0.03).abs() < 1e-6);
-        assert_eq!(met[2][0], 0.0);
-        assert!((total[0] - 5.0).abs() < 1e-9);
+        // the tributaries may have 1 and 3 of the 4 mm, and take a third: two more cells want as much
+        assert!((met[0][0] - 0.01 / 3.0).abs() < 1e-6 && (met[1][0] - 0.01).abs() < 1e-6);
+        assert!((met[2][0] - (4.0 - 4.0 / 3.0) / 200.0).abs() < 1e-6);
+        assert!(total[0] <= 5.0 + 1e-9);
         assert!(channels.iter().all(|c| c.outflow_mm.iter().all(|&q| q >= 0.0)));
         assert!(channels[3].outflow_mm[0].abs() < 1e-9);
     }

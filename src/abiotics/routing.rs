@@ -12,26 +12,27 @@
 //! begin?", Nature 336, doi:10.1038/336232a0. Multiple flow above channel heads, single flow below:
 //! Quinn, Beven & Lamb 1995, "The ln(a/tanβ) index", Hydrological Processes 9(2), doi:10.1002/hyp.3360090204.
 
-use std::collections::BTreeMap;
-
 use rayon::prelude::*;
 
 use crate::progress::{Cancelled, Reporter, Stage};
 use crate::raster::{Cell, MONTHS};
 
-use super::drainage::{self, DrainageSurface, NEIGHBOURS, flow_shares, steepest};
+use super::drainage::{self, DrainageSurface, NEIGHBOURS};
 use super::water_balance::CellYear;
 
-/// Tile width in cells. chosen: 64² cells of 52 B stay in a core's own cache.
+/// Tile width in cells. chosen: what is in flight over 64² cells stays in a core's own cache.
 const TILE: usize = 64;
 
 /// `ChannelCell::receiver` where the channel leaves the map.
 pub(super) const LEAVES_MAP: u32 = u32::MAX;
 
-/// Twelve months of water over a cell, mm, and the number of cells it has drained, its own included.
-/// Once the cell has run: its moisture, and its yearly outflow, mm.
-type Slot = [f32; MONTHS + 1];
-const LAST: usize = MONTHS;
+/// Twelve months of water on its way into a cell, mm, and the number of cells it has drained.
+/// In double precision: a trickle must not drown in a river.
+type RunOn = [f64; MONTHS + 1];
+
+/// Bands of the result: moisture of twelve months, then the year's outflow.
+const BANDS: usize = MONTHS + 1;
+const OUTFLOW: usize = MONTHS;
 
 /// A cell of a channel, with what leaves it.
 pub(super) struct ChannelCell {
@@ -75,10 +76,26 @@ pub(super) fn route(
     stage: &Stage<'_>,
     run_cell: impl Fn(usize, &[f64; MONTHS]) -> CellYear + Sync,
 ) -> Result<Routed, Cancelled> {
-    let (tile_rows, tile_cols) = (surface.rows().div_ceil(TILE), surface.cols().div_ceil(TILE));
-    let mut tiles: Vec<Tile> = (0..tile_rows * tile_cols)
+    let (rows, cols) = (surface.rows(), surface.cols());
+    let (tile_rows, tile_cols) = (rows.div_ceil(TILE), cols.div_ceil(TILE));
+
+    // Every tile writes its own piece of each band
+    let mut bands: [Vec<f32>; BANDS] = std::array::from_fn(|_| vec![0.0; rows * cols]);
+    let mut pieces: Vec<Vec<&mut [f32]>> =
+        (0..tile_rows * tile_cols).map(|_| Vec::with_capacity(BANDS * TILE)).collect();
+    for band in &mut bands {
+        for (row, line) in band.chunks_mut(cols.max(1)).enumerate() {
+            for (tile_col, piece) in line.chunks_mut(TILE).enumerate() {
+                pieces[(row / TILE) * tile_cols + tile_col].push(piece);
+            }
+        }
+    }
+    let mut tiles: Vec<Tile<'_>> = pieces
         .into_par_iter()
-        .map(|t| Tile::new(surface, (t / tile_cols) * TILE, (t % tile_cols) * TILE))
+        .enumerate()
+        .map(|(t, pieces)| {
+            Tile::new(surface, (t / tile_cols) * TILE, (t % tile_cols) * TILE, pieces)
+        })
         .collect();
 
     let mut channels = Vec::new();
@@ -110,34 +127,9 @@ pub(super) fn route(
             sums.outflow_mm[m] += tile.sums.outflow_mm[m];
         }
     }
-    let mut bands = unfold(tiles, surface);
-    let yearly_outflow_mm = bands.pop().unwrap_or_default();
-    let mut bands = bands.into_iter();
-    let moisture_mm = std::array::from_fn(|_| bands.next().unwrap_or_default());
+    drop(tiles);
+    let [moisture_mm @ .., yearly_outflow_mm] = bands;
     Ok(Routed { moisture_mm, yearly_outflow_mm, channels, sums })
-}
-
-/// Slots of tiles laid out as whole-map bands; each row of tiles is freed once copied.
-fn unfold(tiles: Vec<Tile>, surface: &DrainageSurface) -> Vec<Vec<f32>> {
-    let (rows, cols) = (surface.rows(), surface.cols());
-    let mut bands: Vec<Vec<f32>> = (0..=LAST).map(|_| vec![0.0; rows * cols]).collect();
-    let mut tiles = tiles.into_iter();
-    for top in (0..rows).step_by(TILE) {
-        let strip: Vec<Tile> = tiles.by_ref().take(cols.div_ceil(TILE)).collect();
-        let bottom = (top + TILE).min(rows);
-        bands.par_iter_mut().enumerate().for_each(|(band, values)| {
-            for row in top..bottom {
-                let line = &mut values[row * cols..][..cols];
-                for (tile, piece) in strip.iter().zip(line.chunks_mut(TILE)) {
-                    let slots = &tile.slots[(row - top) * TILE..];
-                    for (value, slot) in piece.iter_mut().zip(slots) {
-                        *value = slot[band];
-                    }
-                }
-            }
-        });
-    }
-    bands
 }
 
 struct Task<'a, F> {
@@ -146,35 +138,33 @@ struct Task<'a, F> {
     run_cell: F,
 }
 
-/// Water on its way to a cell of another tile.
-enum Parcel {
-    /// None: only word that an upslope cell is done.
-    Nothing,
-    Hillslope(Slot),
-    Channel {
-        water_mm: Box<[f64; MONTHS]>,
-        area_cells: f32,
-    },
-}
-
+/// Word to a cell that one of its upslope cells is done, with the water that comes from there.
 struct Mail {
-    /// The cell's place in the receiving tile.
+    /// The cell's place in its tile.
     local: u16,
-    parcel: Parcel,
+    /// `None` from a channel that flows elsewhere.
+    water: Option<RunOn>,
 }
 
 /// `Tile::waiting` of cells that have run, are masked, or lie outside.
 const DONE: u8 = u8::MAX;
 
+/// `Tile::slot` of cells that nothing has run on to yet.
+const EMPTY: u16 = u16::MAX;
+
 /// A square of cells; local index = row · [`TILE`] + column.
-struct Tile {
+struct Tile<'a> {
     top: usize,
     left: usize,
     rows: usize,
     cols: usize,
-    slots: Vec<Slot>,
-    /// Channel water received, kept apart in full precision: a trickle must not drown in a river.
-    channel_inflow_mm: BTreeMap<u16, [f64; MONTHS]>,
+    /// Rows of the result, band by band.
+    pieces: Vec<&'a mut [f32]>,
+    /// Run-on of the cells that wait for more of it, and which of these entries are free.
+    run_on: Vec<RunOn>,
+    free: Vec<u16>,
+    /// Each cell's entry of `run_on`, or [`EMPTY`].
+    slot: Vec<u16>,
     /// Upslope cells that have not run yet.
     waiting: Vec<u8>,
     ready: Vec<u16>,
@@ -185,16 +175,18 @@ struct Tile {
     sums: WaterSums,
 }
 
-impl Tile {
-    fn new(surface: &DrainageSurface, top: usize, left: usize) -> Self {
+impl<'a> Tile<'a> {
+    fn new(surface: &DrainageSurface, top: usize, left: usize, pieces: Vec<&'a mut [f32]>) -> Self {
         let (rows, cols) = ((surface.rows() - top).min(TILE), (surface.cols() - left).min(TILE));
         let mut tile = Self {
             top,
             left,
             rows,
             cols,
-            slots: vec![[0.0; MONTHS + 1]; rows * TILE],
-            channel_inflow_mm: BTreeMap::new(),
+            pieces,
+            run_on: Vec::new(),
+            free: Vec::new(),
+            slot: vec![EMPTY; rows * TILE],
             waiting: vec![DONE; rows * TILE],
             ready: Vec::new(),
             inbox: Vec::new(),
@@ -238,20 +230,9 @@ impl Tile {
     }
 
     fn receive(&mut self, mail: Mail) {
-        let slot = &mut self.slots[mail.local as usize];
-        match mail.parcel {
-            Parcel::Nothing => {}
-            Parcel::Hillslope(water) => {
-                for (have, more) in slot.iter_mut().zip(water) {
-                    *have += more;
-                }
-            }
-            Parcel::Channel { water_mm, area_cells } => {
-                slot[LAST] += area_cells;
-                let inflow = self.channel_inflow_mm.entry(mail.local).or_default();
-                for (have, more) in inflow.iter_mut().zip(*water_mm) {
-                    *have += more;
-                }
+        if let Some(water) = mail.water {
+            for (have, more) in self.run_on_of(mail.local).iter_mut().zip(water) {
+                *have += more;
             }
         }
         let waiting = &mut self.waiting[mail.local as usize];
@@ -261,6 +242,28 @@ impl Tile {
         }
     }
 
+    /// The run-on of a cell so far.
+    fn run_on_of(&mut self, local: u16) -> &mut RunOn {
+        let slot = &mut self.slot[local as usize];
+        if *slot == EMPTY {
+            *slot = self.free.pop().unwrap_or_else(|| {
+                self.run_on.push([0.0; MONTHS + 1]);
+                (self.run_on.len() - 1) as u16 // a tile has 4096 cells
+            });
+        }
+        &mut self.run_on[*slot as usize]
+    }
+
+    /// Takes the run-on of a cell out and frees its entry.
+    fn take_run_on(&mut self, local: u16) -> RunOn {
+        let slot = std::mem::replace(&mut self.slot[local as usize], EMPTY);
+        if slot == EMPTY {
+            return [0.0; MONTHS + 1];
+        }
+        self.free.push(slot);
+        std::mem::replace(&mut self.run_on[slot as usize], [0.0; MONTHS + 1])
+    }
+
     fn run<F: Fn(usize, &[f64; MONTHS]) -> CellYear>(&mut self, local: u16, task: &Task<'_, F>) {
         let (row, col) = (local as usize / TILE, local as usize % TILE);
         let cell = Cell { row: self.top + row, col: self.left + col };
@@ -268,30 +271,21 @@ impl Tile {
         self.waiting[local as usize] = DONE;
 
         // The cell's year
-        let slot = &mut self.slots[local as usize];
-        let area_cells = slot[LAST] + 1.0;
-        let channel_inflow = self.channel_inflow_mm.remove(&local);
-        let mut run_on_mm = channel_inflow.unwrap_or_default();
-        for (total, hillslope) in run_on_mm.iter_mut().zip(&slot[..MONTHS]) {
-            *total += f64::from(*hillslope);
-        }
+        let [run_on_mm @ .., area_cells] = self.take_run_on(local);
+        let area_cells = area_cells + 1.0;
         let year = (task.run_cell)(index, &run_on_mm);
-        slot[..MONTHS].copy_from_slice(&year.moisture_mm);
-        slot[LAST] = year.outflow_mm.iter().sum::<f64>() as f32;
         for m in 0..MONTHS {
+            self.pieces[m * self.rows + row][col] = year.moisture_mm[m];
             self.sums.transpiration_mm[m] += year.transpiration_mm[m];
             self.sums.storage_change_mm[m] += year.storage_change_mm[m];
         }
+        self.pieces[OUTFLOW * self.rows + row][col] = year.outflow_mm.iter().sum::<f64>() as f32;
 
         // Its water on the way down
-        let falls = task.surface.falls(cell);
-        let down = steepest(&falls);
-        if down.is_none() {
-            for m in 0..MONTHS {
-                self.sums.outflow_mm[m] += year.outflow_mm[m];
-            }
-        }
-        if area_cells >= task.channel_area_cells {
+        let descent = task.surface.descent(cell);
+        let ways = (0..8).filter(|&d| descent.falls[d] > 0.0);
+        if area_cells >= f64::from(task.channel_area_cells) {
+            let down = descent.steepest_inward();
             let receiver = down.map(|d| drainage::neighbour(cell, d));
             self.channels.push(ChannelCell {
                 cell: index as u32, // cells are limited to 400 million
@@ -299,35 +293,43 @@ impl Tile {
                     .map_or(LEAVES_MAP, |to| (to.row * task.surface.cols() + to.col) as u32),
                 outflow_mm: year.outflow_mm,
             });
-            for d in (0..8).filter(|&d| falls[d] > 0.0) {
-                let parcel = if Some(d) == down {
-                    Parcel::Channel { water_mm: Box::new(year.outflow_mm), area_cells }
-                } else {
-                    Parcel::Nothing
-                };
-                self.send(row, col, d, parcel);
+            for d in ways.filter(|&d| !descent.outward[d]) {
+                let water = (Some(d) == down).then(|| scaled(&year.outflow_mm, area_cells, 1.0));
+                self.send(row, col, d, water);
             }
+            if down.is_none() {
+                self.leave_map(&year.outflow_mm, 1.0);
+            }
+        } else if descent.is_sink() {
+            self.leave_map(&year.outflow_mm, 1.0);
         } else {
-            let outflow = year.outflow_mm.map(|v| v as f32);
-            let shares = flow_shares(&falls);
-            for d in (0..8).filter(|&d| falls[d] > 0.0) {
-                let mut water = [area_cells * shares[d]; MONTHS + 1];
-                for (part, whole) in water.iter_mut().zip(outflow) {
-                    *part = whole * shares[d];
+            let shares = descent.shares();
+            for d in ways {
+                let share = shares[d];
+                if descent.outward[d] {
+                    self.leave_map(&year.outflow_mm, share);
+                } else {
+                    let water = scaled(&year.outflow_mm, area_cells, share);
+                    self.send(row, col, d, Some(water));
                 }
-                self.send(row, col, d, Parcel::Hillslope(water));
             }
         }
     }
 
-    /// Hands a parcel to the neighbour of a local cell, in this tile or the next.
+    fn leave_map(&mut self, water_mm: &[f64; MONTHS], share: f64) {
+        for (sum, water) in self.sums.outflow_mm.iter_mut().zip(water_mm) {
+            *sum += water * share;
+        }
+    }
+
+    /// Hands water to the neighbour of a local cell, in this tile or the next.
     #[inline]
-    fn send(&mut self, row: usize, col: usize, direction: usize, parcel: Parcel) {
+    fn send(&mut self, row: usize, col: usize, direction: usize, water: Option<RunOn>) {
         let (d_row, d_col) = NEIGHBOURS[direction];
         let (row, col) = (row as isize + d_row, col as isize + d_col);
         let inside = |at: isize, size: usize| at >= 0 && (at as usize) < size;
         let wrapped = |at: isize| at.rem_euclid(TILE as isize) as usize;
-        let mail = Mail { local: (wrapped(row) * TILE + wrapped(col)) as u16, parcel };
+        let mail = Mail { local: (wrapped(row) * TILE + wrapped(col)) as u16, water };
         if inside(row, self.rows) && inside(col, self.cols) {
             self.receive(mail);
         } else {
@@ -338,4 +340,14 @@ impl Tile {
             self.outboxes[outbox.unwrap_or(0)].push(mail);
         }
     }
+}
+
+/// A share of a cell's outflow, with the same share of the land it drains.
+#[inline]
+fn scaled(outflow_mm: &[f64; MONTHS], area_cells: f64, share: f64) -> RunOn {
+    let mut water = [area_cells * share; MONTHS + 1];
+    for (part, whole) in water.iter_mut().zip(outflow_mm) {
+        *part = whole * share;
+    }
+    water
 }

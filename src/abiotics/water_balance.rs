@@ -306,7 +306,7 @@ mod tests {
         let rate = year.drain_rate_per_month(0.3) + 54.0 / 180.0;
         for m in 0..MONTHS {
             assert!((cell.moisture_mm[m] - 45.0 / rate).abs() < 1e-3);
-            assert!((cell.transpiration_mm[m] - 45.0 / rate * 0.3).abs() < 1e-3);
+            assert!((cell.transpiration_mm[m] - f64::from(45.0 / rate * 0.3)).abs() < 1e-3);
             assert!(cell.storage_change_mm[m].abs() < 1e-3);
         }
     }
@@ -329,9 +329,14 @@ mod tests {
                         let spent = cell.transpiration_mm[m]
                             + cell.storage_change_mm[m]
                             + cell.outflow_mm[m];
-                        assert!((gained - spent).abs() < 1e-9 * gained.max(1e3), "{slope_deg}° {run_on} {demand}");
+                        assert!(
+                            (gained - spent).abs() < 1e-9 * gained.max(1e3),
+                            "{slope_deg}° {run_on} {demand}"
+                        );
                         assert!((0.0..=180.0).contains(&cell.moisture_mm[m]));
-                        assert!(cell.transpiration_mm[m] <= f64::from(site.demand_mm[m]) * 1.001 + 1e-3);
+                        assert!(
+                            cell.transpiration_mm[m] <= f64::from(site.demand_mm[m]) * 1.001 + 1e-3
+                        );
                         drift += cell.storage_change_mm[m];
                     }
                     assert!(drift.abs() < 2e-3, "{slope_deg}° {run_on} {demand}: {drift}");
