@@ -1,12 +1,98 @@
 //! Abiotic maps: what the site offers before any plant competes for it.
 //!
-//! Reading order: [`solar`], [`horizon`], [`exposure`], [`sunlight`], [`slope`], [`temperature`].
+//! Reading order: [`solar`], [`horizon`], [`exposure`], [`sunlight`]; [`slope`]; [`temperature`]; [`moisture`] with its
+//! `water_balance` (one cell's year), `drainage` (which way water runs), `routing` (from cell to cell) and
+//! `riparian` (land along rivers).
+//!
+//! # Reference
+//! Kapp et al. 2020, section 5.1, doi:10.1145/3414685.3417848.
 
+mod drainage;
 pub mod exposure;
 pub mod horizon;
+pub mod moisture;
+mod riparian;
+mod routing;
 mod sky_view;
 pub mod slope;
 pub mod solar;
 mod sun_path;
 pub mod sunlight;
 pub mod temperature;
+mod water_balance;
+
+use crate::progress::{Cancelled, Reporter};
+use crate::raster::{Grid, MONTHS, MonthlyGrid};
+use crate::species::Climate;
+use crate::terrain::Terrain;
+
+pub use moisture::{MoistureParams, WaterBalance};
+pub use sunlight::SunlightParams;
+pub use temperature::MonthlyTemperature;
+
+/// How abiotic maps are made.
+#[derive(Clone, Debug, Default)]
+pub struct Params {
+    /// Sunlight.
+    pub sunlight: SunlightParams,
+    /// Moisture.
+    pub moisture: MoistureParams,
+}
+
+/// What the site offers, cell by cell.
+#[derive(Clone, Debug)]
+pub struct AbioticMaps {
+    /// Light a day, in hours of clear sun, by month.
+    pub sunlight_h: MonthlyGrid,
+    /// Plant-available soil water, mm, by month.
+    pub moisture_mm: MonthlyGrid,
+    /// Mean temperature, °C, by month.
+    pub temperature_c: MonthlyTemperature,
+    /// Steepest slope, radians.
+    pub slope_rad: Grid<f32>,
+    /// Runoff and drainage through each cell, mean over the year, m³/s.
+    pub discharge_m3_s: Grid<f32>,
+    /// Where a river runs.
+    pub river: Grid<bool>,
+    /// Where each month's rain went.
+    pub balance: [WaterBalance; MONTHS],
+}
+
+/// The abiotic maps of a terrain in a climate.
+///
+/// # Errors
+/// [`Cancelled`] once the run was cancelled.
+pub fn run(
+    terrain: &Terrain,
+    climate: &Climate,
+    params: &Params,
+    reporter: &Reporter,
+) -> Result<AbioticMaps, Cancelled> {
+    let slope_rad = {
+        let _stage = reporter.stage("slope", 1);
+        slope::slope_rad(&terrain.elevation_m)
+    };
+    let sunlight_h = sunlight::run(terrain, climate, &params.sunlight, reporter)?.sunlight_h;
+    let open_sky_sunlight_h = std::array::from_fn(|month_index| {
+        // hours a day: far within f32
+        sunlight::open_sky_sunlight_h(terrain.latitude_rad, climate, month_index) as f32
+    });
+    let water = moisture::run(
+        terrain,
+        &slope_rad,
+        &sunlight_h,
+        open_sky_sunlight_h,
+        climate,
+        &params.moisture,
+        reporter,
+    )?;
+    Ok(AbioticMaps {
+        sunlight_h,
+        moisture_mm: water.moisture_mm,
+        temperature_c: MonthlyTemperature::new(&terrain.elevation_m, climate),
+        slope_rad,
+        discharge_m3_s: water.discharge_m3_s,
+        river: water.river,
+        balance: water.balance,
+    })
+}
