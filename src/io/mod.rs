@@ -1,5 +1,7 @@
 //! Bytes to data and back: one format a file. Parsers take bytes and limits, know no paths, and never panic.
 
+pub mod geokeys;
+
 use std::path::{Path, PathBuf};
 
 /// Trouble with a file.
