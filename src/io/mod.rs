@@ -1,6 +1,10 @@
 //! Bytes to data and back: one format a file. Parsers take bytes and limits, know no paths, and never panic.
 
 pub mod geokeys;
+pub mod geotiff;
+pub mod window;
+
+pub use window::MapWindow;
 
 use std::path::{Path, PathBuf};
 
