@@ -270,3 +270,326 @@ pub(in crate::io) fn unit_by_name(name: &str) -> Option<LengthUnit> {
         _ => None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::io::geotiff::{Band, CogBands, CogOptions, StoredBands, write_cog};
+    use crate::raster::{Crs, Frame, Mask};
+
+    /// A little-endian file of one uncompressed strip of f32; `extra` tags are doubles, `shorts` replace or add.
+    struct Made {
+        shorts: Vec<(u16, u32)>,
+        doubles: Vec<(u16, Vec<f64>)>,
+        text: Vec<(u16, &'static str)>,
+        cells: Vec<f32>,
+    }
+
+    impl Made {
+        fn new(cols: u32, rows: u32, cells: &[f32]) -> Self {
+            let len = cells.len() as u32 * 4;
+            let shorts = vec![
+                (256, cols),
+                (257, rows),
+                (258, 32),
+                (259, 1),
+                (262, 1),
+                (273, 8),
+                (278, rows),
+                (279, len),
+                (339, 3),
+            ];
+            let doubles =
+                vec![(33550, vec![2.0, 2.0, 0.0]), (33922, vec![0.0, 0.0, 0.0, 100.0, 50.0, 0.0])];
+            Self { shorts, doubles, text: Vec::new(), cells: cells.to_vec() }
+        }
+
+        fn with(mut self, tag: u16, value: u32) -> Self {
+            self.shorts.retain(|s| s.0 != tag);
+            self.shorts.push((tag, value));
+            self
+        }
+
+        fn with_doubles(mut self, tag: u16, values: &[f64]) -> Self {
+            self.doubles.retain(|d| d.0 != tag);
+            self.doubles.push((tag, values.to_vec()));
+            self
+        }
+
+        fn with_text(mut self, tag: u16, text: &'static str) -> Self {
+            self.text.push((tag, text));
+            self
+        }
+
+        fn bytes(&self) -> Vec<u8> {
+            let mut bytes = b"II\x2a\0\0\0\0\0".to_vec();
+            bytes.extend(self.cells.iter().flat_map(|c| c.to_le_bytes()));
+            let mut entries: Vec<(u16, u16, u32, u32)> =
+                self.shorts.iter().map(|s| (s.0, 4, 1, s.1)).collect();
+            for (tag, values) in &self.doubles {
+                entries.push((*tag, 12, values.len() as u32, bytes.len() as u32));
+                bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+            }
+            for (tag, text) in &self.text {
+                entries.push((*tag, 2, text.len() as u32, bytes.len() as u32));
+                bytes.extend(text.bytes());
+            }
+            entries.sort_unstable();
+            let start = bytes.len() as u32;
+            bytes[4..8].copy_from_slice(&start.to_le_bytes());
+            bytes.extend((entries.len() as u16).to_le_bytes());
+            for (tag, kind, count, value) in entries {
+                bytes.extend(tag.to_le_bytes());
+                bytes.extend(kind.to_le_bytes());
+                bytes.extend(count.to_le_bytes());
+                bytes.extend(value.to_le_bytes());
+            }
+            bytes.extend([0; 4]);
+            bytes
+        }
+
+        fn read(&self) -> Result<SourceRaster, ParseError> {
+            parse(&self.bytes()[..], None, &Limits::default())
+        }
+    }
+
+    /// A file of our own writer; two bands, so that a wrong band is seen.
+    fn written(rows: usize, cols: usize, values: &[f32], valid: &[bool]) -> Vec<u8> {
+        let frame = Frame { crs: Crs::Epsg(3794), ..Frame::local(rows, cols, 2.0) };
+        let other = vec![-1.0; values.len()];
+        let source = StoredBands::new(&frame, vec![values, &other]);
+        let bands = vec![Band { name: "January".into(), unit: "m".into() }; 2];
+        let raster = CogBands {
+            frame: &frame,
+            mask: &Mask::new(valid.to_vec()),
+            bands: &bands,
+            source: &source,
+        };
+        let mut out = Cursor::new(Vec::new());
+        write_cog(&mut out, &raster, &CogOptions::default()).unwrap();
+        out.into_inner()
+    }
+
+    #[test]
+    fn a_plain_file_is_read() {
+        let raster = Made::new(3, 2, &[1.0, 2.0, 3.0, 4.0, 5.0, f32::NAN]).read().unwrap();
+        assert_eq!(raster.values, [1.0, 2.0, 3.0, 4.0, 5.0, 0.0]);
+        assert_eq!((raster.valid[5], raster.non_finite_cells), (false, 1));
+        let a = raster.affine;
+        assert_eq!((a.origin_x, a.origin_y, a.col_dx, a.row_dy), (100.0, 50.0, 2.0, -2.0));
+        assert_eq!(raster.crs, None);
+    }
+
+    #[test]
+    fn a_tie_point_may_be_any_cell_and_a_matrix_may_turn() {
+        let made = Made::new(1, 1, &[1.0]);
+        let tied = made.with_doubles(33922, &[3.0, 4.0, 0.0, 100.0, 50.0, 0.0]).read().unwrap();
+        assert_eq!((tied.affine.origin_x, tied.affine.origin_y), (94.0, 58.0));
+        let matrix =
+            [2.0, 0.5, 0.0, 100.0, -0.5, -2.0, 0.0, 50.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        let turned = Made::new(1, 1, &[1.0]).with_doubles(34264, &matrix).read().unwrap().affine;
+        assert_eq!((turned.row_dx, turned.col_dy, turned.origin_y), (0.5, -0.5, 50.0));
+    }
+
+    #[test]
+    fn a_point_raster_starts_half_a_cell_earlier() {
+        let mut bytes = Made::new(1, 1, &[1.0]).with_text(34735, "keys").bytes();
+        // the text stands in for the words 1, 1, 0, 1 and the key 1025 = 2
+        let place = bytes.windows(4).position(|w| w == b"keys").unwrap();
+        let words: Vec<u8> =
+            [1_u16, 1, 0, 1, 1025, 0, 1, 2].iter().flat_map(|w| w.to_le_bytes()).collect();
+        let end = bytes.len() as u32;
+        bytes.extend(words);
+        let entry = bytes.windows(2).rposition(|w| w == 34735_u16.to_le_bytes()).unwrap();
+        bytes[entry + 2..entry + 12].copy_from_slice(&[
+            3,
+            0,
+            8,
+            0,
+            0,
+            0,
+            end as u8,
+            (end >> 8) as u8,
+            0,
+            0,
+        ]);
+        assert!(place < entry);
+        let affine = parse(&bytes[..], None, &Limits::default()).unwrap().affine;
+        assert_eq!((affine.origin_x, affine.origin_y), (99.0, 51.0));
+    }
+
+    #[test]
+    fn nodata_and_metadata_of_gdal_are_used() {
+        let metadata = "<GDALMetadata><Item name=\"a\">b</Item>\
+            <Item name=\"SCALE\" sample=\"0\" role=\"scale\">0.5</Item>\
+            <Item name=\"OFFSET\" sample=\"0\" role=\"offset\">10</Item>\
+            <Item name=\"UNITTYPE\" sample=\"0\" role=\"unittype\">US survey foot</Item></GDALMetadata>";
+        let raster = Made::new(3, 1, &[4.0, -32768.0, f32::NAN])
+            .with_text(42112, metadata)
+            .with_text(42113, "-32768 ")
+            .read()
+            .unwrap();
+        assert_eq!((raster.values[0], raster.valid[1], raster.non_finite_cells), (12.0, false, 1));
+        assert_eq!(raster.vertical_unit, Some(LengthUnit::UsSurveyFoot));
+        let nan = Made::new(2, 1, &[4.0, f32::NAN]).with_text(42113, "nan  ").read().unwrap();
+        assert_eq!((nan.valid, nan.non_finite_cells), (vec![true, false], 0));
+        assert!(Made::new(1, 1, &[4.0]).with_text(42113, "nothing").read().is_err());
+    }
+
+    #[test]
+    fn what_is_no_elevation_is_refused() {
+        let says = |made: Made, text: &str| {
+            let error = made.read().unwrap_err();
+            assert!(error.what.contains(text), "{error}");
+        };
+        let made = || Made::new(2, 1, &[1.0, 2.0]);
+        says(made().with(262, 3), "picture");
+        says(made().with(262, 2), "picture");
+        says(made().with(259, 7), "compression method 7");
+        says(made().with(258, 16), "16 bits");
+        says(made().with(317, 4), "predictor 4");
+        says(made().with(256, 0), "no cells");
+        says(made().with_doubles(33550, &[0.0, 2.0, 0.0]), "not positive");
+        says(made().with_doubles(33550, &[-2.0, 2.0, 0.0]), "not positive");
+        says(made().with_doubles(33550, &[f64::NAN, 2.0, 0.0]), "not positive");
+        says(made().with_doubles(33922, &[0.0, 0.0, 0.0, f64::INFINITY, 0.0, 0.0]), "not a number");
+        says(made().with_doubles(33922, &[]), "no map position");
+        says(Made::new(2, 1, &[f32::NAN, f32::NAN]), "no valid cell");
+    }
+
+    #[test]
+    fn headers_that_claim_too_much_are_refused() {
+        let says = |made: Made, text: &str| {
+            let error = made.read().unwrap_err();
+            assert!(error.what.contains(text), "{error}");
+        };
+        let made = || Made::new(40_000, 40_000, &[0.0; 200]);
+        says(made(), "too large");
+        says(made().with(278, 1), "needs 40000 tiles or strips");
+        says(Made::new(10_000, 10_000, &[0.0; 200]).with(278, 10_000), "cannot hold 400000000");
+        says(Made::new(2, 2, &[0.0; 4]).with(279, u32::MAX), "beyond the file");
+        says(Made::new(2, 2, &[0.0; 4]).with(273, u32::MAX), "beyond the file");
+        says(Made::new(u32::MAX, u32::MAX, &[0.0; 4]).with(277, 4000), "too large");
+        says(Made::new(2, 2, &[0.0; 4]).with(278, 0), "no cells");
+    }
+
+    #[test]
+    fn missing_strips_are_nodata() {
+        let made = Made::new(2, 2, &[0.0; 4]).with(273, 0).with(279, 0);
+        assert!(made.read().unwrap_err().what.contains("no valid cell"));
+    }
+
+    #[test]
+    fn windows_cut_across_tiles() {
+        let (rows, cols) = (700, 600);
+        let values: Vec<f32> = (0..rows * cols).map(|i| i as f32).collect();
+        let bytes = written(rows, cols, &values, &vec![true; values.len()]);
+        // rows 500–519 and columns 505–529 lie in four tiles; north edge 1400 m, cells of 2 m
+        let window = MapWindow { west: 1010.0, east: 1060.0, south: 360.0, north: 400.0 };
+        let part = parse(&bytes[..], Some(&window), &Limits::default()).unwrap();
+        assert_eq!((part.rows, part.cols), (20, 25));
+        assert_eq!((part.affine.origin_x, part.affine.origin_y), (1010.0, 400.0));
+        for (index, value) in part.values.iter().enumerate() {
+            assert_eq!(*value, ((500 + index / 25) * cols + 505 + index % 25) as f32);
+        }
+        let few = Limits { max_cells: 499, ..Limits::default() };
+        assert!(parse(&bytes[..], Some(&window), &few).is_err());
+    }
+
+    #[test]
+    fn any_number_of_threads_reads_and_writes_the_same() {
+        let values: Vec<f32> = (0..520 * 530).map(|i| (i % 977) as f32 * 0.37).collect();
+        let valid: Vec<bool> = (0..values.len()).map(|i| i % 11 != 0).collect();
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let bytes = written(520, 530, &values, &valid);
+                let raster = parse(&bytes[..], None, &Limits::default()).unwrap();
+                (bytes, raster.values, raster.valid)
+            })
+        };
+        assert!(run(1) == run(3));
+    }
+
+    /// A national tile: corner, CRS and heights as rasterio reads them.
+    #[test]
+    fn a_national_tile_is_read() {
+        let data = std::env::var("WILDWOOD_DATA").unwrap_or_else(|_| "../shared/data".into());
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(data);
+        let Ok(source) =
+            crate::io::geotiff::SharedFile::open(&folder.join("dem/slovenia_TM1_564_146_1m.tif"))
+        else {
+            eprintln!("skipped: ../shared/data is missing");
+            return;
+        };
+        let raster = parse(&source, None, &Limits::default()).unwrap();
+        assert_eq!((raster.rows, raster.cols, raster.crs), (1000, 1000, Some(Crs::Epsg(3794))));
+        assert_eq!((raster.affine.origin_x, raster.affine.origin_y), (563_999.5, 146_999.5));
+        let sum: f64 = raster.values.iter().map(|v| f64::from(*v)).sum();
+        assert!((sum / 1e6 - SLOVENIA_MEAN_M).abs() < 1e-3, "{}", sum / 1e6);
+    }
+
+    /// numpy's mean of the tile in f64.
+    const SLOVENIA_MEAN_M: f64 = 274.3305;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn what_is_written_is_read(
+            cols in 1..40_usize,
+            cells in proptest::collection::vec((-9000_f32..9000.0, proptest::bool::weighted(0.9)), 1..900),
+        ) {
+            let rows = cells.len().div_ceil(cols);
+            let mut cells = cells;
+            cells.resize(rows * cols, (7.0, true));
+            cells[0].1 = true;
+            let (values, valid): (Vec<f32>, Vec<bool>) = cells.into_iter().unzip();
+            let raster = parse(&written(rows, cols, &values, &valid)[..], None, &Limits::default()).unwrap();
+            prop_assert_eq!((raster.rows, raster.cols, raster.crs), (rows, cols, Some(Crs::Epsg(3794))));
+            prop_assert_eq!(raster.vertical_unit, Some(LengthUnit::Metre));
+            prop_assert_eq!(&raster.valid, &valid);
+            for (index, value) in values.iter().enumerate() {
+                prop_assert_eq!(raster.values[index], if valid[index] { *value } else { 0.0 });
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(3000))]
+
+        #[test]
+        fn damaged_files_never_panic(
+            is_written in any::<bool>(),
+            flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+            cut in any::<prop::sample::Index>(),
+            is_cut in any::<bool>(),
+        ) {
+            let mut bytes = if is_written {
+                DAMAGED.with(Clone::clone)
+            } else {
+                Made::new(3, 2, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).with_text(42113, "-9999 ").bytes()
+            };
+            let limits = Limits { max_cells: 1 << 20, ..Limits::default() };
+            for (at, value) in flips {
+                let at = at.index(bytes.len());
+                bytes[at] = value;
+            }
+            if is_cut {
+                bytes.truncate(cut.index(bytes.len()));
+            }
+            let _ = parse(&bytes[..], None, &limits);
+            let window = MapWindow { west: 1.0, south: 1.0, east: 4.0, north: 5.0 };
+            let _ = parse(&bytes[..], Some(&window), &limits);
+        }
+    }
+
+    thread_local! {
+        /// A file of our own writer that is damaged again and again.
+        static DAMAGED: Vec<u8> = written(3, 2, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], &[true; 6]);
+    }
+}
