@@ -1,5 +1,17 @@
 //! Bytes to data and back: one format a file. Parsers take bytes and limits, know no paths, and never panic.
 
+pub mod ascii_grid;
+pub mod elv;
+#[cfg(feature = "gdal")]
+pub mod gdal;
+pub mod geokeys;
+pub mod geotiff;
+mod number_text;
+pub mod raster_file;
+pub mod window;
+
+pub use window::MapWindow;
+
 use std::path::{Path, PathBuf};
 
 /// Trouble with a file.

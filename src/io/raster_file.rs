@@ -1,0 +1,157 @@
+//! A raster file of any known format, told by its content.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use super::geotiff::SharedFile;
+use super::window::MapWindow;
+use super::{Error, Limits, ParseError, ascii_grid, elv, geotiff};
+use crate::raster::{Crs, SourceRaster};
+
+/// Bytes of a text raster per cell at most: more is no text that a program wrote.
+const MAX_TEXT_BYTES_PER_CELL: u64 = 32;
+
+/// Kinds of file that their first bytes tell apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    GeoTiff,
+    AsciiGrid,
+    Elv,
+    PointCloud,
+    Other,
+}
+
+/// The format of a file that begins with `start`; numbers alone need the extension `elv`.
+fn format(start: &[u8], path: &Path) -> Format {
+    let has_extension =
+        |wanted: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(wanted));
+    match start {
+        [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => Format::GeoTiff,
+        [b'L', b'A', b'S', b'F', ..] => Format::PointCloud,
+        _ if ascii_grid::is_ascii_grid(start) => Format::AsciiGrid,
+        _ if elv::is_elv(start) || has_extension("elv") => Format::Elv,
+        _ if has_extension("tif") || has_extension("tiff") => Format::GeoTiff,
+        _ if has_extension("asc") => Format::AsciiGrid,
+        _ => Format::Other,
+    }
+}
+
+/// The raster in a file, or the part of it that `window` (in the file's CRS) touches.
+///
+/// Reads GeoTIFF (cloud-optimised ones too), ESRI ASCII grid (with the `.prj` beside it) and `.elv`; a build with
+/// feature `gdal` reads what GDAL reads.
+///
+/// # Errors
+/// If the file cannot be read, is of an unknown format, or its content cannot be used.
+pub fn read(
+    path: &Path,
+    window: Option<&MapWindow>,
+    limits: &Limits,
+) -> Result<SourceRaster, Error> {
+    let failed = |source| Error::Read { path: path.to_path_buf(), source };
+    let mut start = Vec::new();
+    let file = File::open(path).map_err(failed)?;
+    let len = file.metadata().map_err(failed)?.len();
+    file.take(512).read_to_end(&mut start).map_err(failed)?;
+    if len == 0 {
+        let empty = ParseError::new("the file is empty", "copy or download it again");
+        return Err(empty.at(path));
+    }
+    let text = || {
+        let most = (limits.max_cells as u64).saturating_mul(MAX_TEXT_BYTES_PER_CELL);
+        if len > most.max(1 << 20) {
+            let what = format!("the text has {len} bytes, more than the limit of cells needs");
+            let hint = "turn it into a GeoTIFF first, with gdal_translate";
+            return Err(ParseError::new(what, hint).at(path));
+        }
+        std::fs::read(path).map_err(failed)
+    };
+    match format(&start, path) {
+        Format::GeoTiff => {
+            let source = SharedFile::open(path).map_err(failed)?;
+            geotiff::parse(&source, window, limits).map_err(|e| e.at(path))
+        }
+        Format::AsciiGrid => {
+            let mut raster = ascii_grid::parse(&text()?, window, limits).map_err(|e| e.at(path))?;
+            raster.crs = prj_beside(path);
+            Ok(raster)
+        }
+        Format::Elv => elv::parse(&text()?, window, limits).map_err(|e| e.at(path)),
+        Format::PointCloud => Err(ParseError::new(
+            "the file is a point cloud (LAS or LAZ), not a raster",
+            "give it where a point cloud is asked for",
+        )
+        .at(path)),
+        Format::Other => other(path, window, limits),
+    }
+}
+
+#[cfg(feature = "gdal")]
+fn other(path: &Path, window: Option<&MapWindow>, limits: &Limits) -> Result<SourceRaster, Error> {
+    super::gdal::read(path, window, limits)
+}
+
+#[cfg(not(feature = "gdal"))]
+fn other(path: &Path, _: Option<&MapWindow>, _: &Limits) -> Result<SourceRaster, Error> {
+    Err(ParseError::new(
+        "the format is not known",
+        "supported are GeoTIFF (.tif), ESRI ASCII grid (.asc) and .elv; a build with --features gdal reads what GDAL reads, or use gdal_translate IN OUT.tif",
+    )
+    .at(path))
+}
+
+/// The CRS in the `.prj` file beside an ASCII grid, where there is one that is understood.
+fn prj_beside(path: &Path) -> Option<Crs> {
+    let text = std::fs::read_to_string(path.with_extension("prj")).ok()?;
+    proj4wkt::wkt_to_projstring(text.trim()).ok().map(Crs::Proj)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GRID: &str = "ncols 2\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n5 6\n";
+
+    fn read_as(name: &str, content: &[u8]) -> Result<SourceRaster, Error> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, content).unwrap();
+        read(&path, None, &Limits::default())
+    }
+
+    #[test]
+    fn content_comes_before_the_extension() {
+        assert_eq!(read_as("a.tif", GRID.as_bytes()).unwrap().values, [5.0, 6.0]);
+        assert_eq!(read_as("b.txt", b"2 1 1.0 45\n5 6\n").unwrap().latitude_deg, Some(45.0));
+        let cut = read_as("c.tif", b"II\x2a\0").unwrap_err();
+        assert!(cut.to_string().contains("TIFF"), "{cut}");
+    }
+
+    #[test]
+    fn unknown_files_are_told_what_is_known() {
+        assert!(read_as("cloud.tif", b"LASF....").unwrap_err().to_string().contains("point cloud"));
+        assert!(read_as("empty.tif", b"").unwrap_err().to_string().contains("empty"));
+        let other = read_as("a.docx", b"PK\x03\x04").unwrap_err();
+        assert!(matches!(other, Error::Content { .. }), "{other}");
+        if cfg!(not(feature = "gdal")) {
+            assert!(other.to_string().contains("--features gdal"), "{other}");
+        }
+        let missing = read(Path::new("no/such/file.tif"), None, &Limits::default()).unwrap_err();
+        assert!(!missing.is_machine_failure());
+    }
+
+    #[test]
+    fn the_projection_beside_an_ascii_grid_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("dem.asc");
+        std::fs::write(&path, GRID).unwrap();
+        // as ESRI programs write it
+        let prj = r#"PROJCS["NAD_1983_UTM_Zone_11N",GEOGCS["GCS_North_American_1983",DATUM["D_North_American_1983",SPHEROID["GRS_1980",6378137.0,298.257222101]],PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],PARAMETER["False_Easting",500000.0],PARAMETER["False_Northing",0.0],PARAMETER["Central_Meridian",-117.0],PARAMETER["Scale_Factor",0.9996],PARAMETER["Latitude_Of_Origin",0.0],UNIT["Meter",1.0]]"#;
+        std::fs::write(path.with_extension("prj"), prj).unwrap();
+        let raster = read(&path, None, &Limits::default()).unwrap();
+        let Some(Crs::Proj(text)) = raster.crs else { panic!("no CRS") };
+        assert!(text.contains("+proj=tmerc") && text.contains("+lon_0=-117"), "{text}");
+        proj4rs::Proj::from_proj_string(&text).unwrap();
+    }
+}
