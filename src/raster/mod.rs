@@ -8,7 +8,9 @@ pub mod frame;
 pub mod grid;
 pub mod mask;
 pub mod projection;
+pub mod resample;
 pub mod source;
+pub mod warp;
 
 pub use crs::{Crs, CrsError, utm_zone_for};
 pub use frame::{Cell, Frame, GeoTransform, MapPoint};

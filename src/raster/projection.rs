@@ -26,10 +26,7 @@ const EARTH_ECCENTRICITY_SQUARED: f64 = 0.006_694_379_990_141_316;
 /// (conterminous USA, 10 m; up to 30 m elsewhere), NZGD49 by EPSG:1564 (4 m).
 pub const GRID_STAND_INS: [(&str, &str); 2] = [
     ("+datum=NAD27", "+ellps=clrk66 +towgs84=-8,160,176"),
-    (
-        "+nadgrids=nzgd2kgrid0005.gsb",
-        "+towgs84=59.47,-5.04,187.44,0.47,-0.1,1.024,-4.5993",
-    ),
+    ("+nadgrids=nzgd2kgrid0005.gsb", "+towgs84=59.47,-5.04,187.44,0.47,-0.1,1.024,-4.5993"),
 ];
 
 /// A coordinate reference system with its formulas at hand.
@@ -49,8 +46,7 @@ impl Projection {
     /// # Errors
     /// [`CrsError`] for local metres, unknown codes, and systems without formulas here.
     pub fn new(crs: &Crs) -> Result<Self, CrsError> {
-        let unsupported =
-            |problem: String| CrsError::Unsupported { crs: crs.to_string(), problem };
+        let unsupported = |problem: String| CrsError::Unsupported { crs: crs.to_string(), problem };
         let mut definition = match crs {
             Crs::Local => return Err(CrsError::NoPlace),
             Crs::Proj(text) => text.clone(),
@@ -160,8 +156,10 @@ impl Projection {
         let [longitude, latitude] = self.lon_lat_deg(point)?;
         let projector = Projector { from: wgs84()?, to: self.clone() };
         let step = |longitude_step: f64, latitude_step: f64| {
-            let ahead = projector.project([longitude + longitude_step, latitude + latitude_step])?;
-            let behind = projector.project([longitude - longitude_step, latitude - latitude_step])?;
+            let ahead =
+                projector.project([longitude + longitude_step, latitude + latitude_step])?;
+            let behind =
+                projector.project([longitude - longitude_step, latitude - latitude_step])?;
             Some([ahead[0] - behind[0], ahead[1] - behind[1]])
         };
         let latitude_rad = latitude.to_radians();
@@ -298,9 +296,8 @@ mod tests {
             let to_utm = Projector::new(&Crs::Epsg(4326), &Crs::Epsg(32633)).unwrap();
             let point = to_utm.project([longitude, latitude]).unwrap();
             let off_rad = (longitude - 15.0).to_radians();
-            let expected = math::atan_f64(
-                math::tan_f64(off_rad) * math::sin_f64(latitude.to_radians()),
-            );
+            let expected =
+                math::atan_f64(math::tan_f64(off_rad) * math::sin_f64(latitude.to_radians()));
             let found = utm33.grid_convergence_rad(point).unwrap();
             assert!((found - expected).abs() < 1e-5, "{found} for {expected}");
         }
