@@ -1,5 +1,8 @@
 //! Terrain: elevation on a metric grid, with its place on Earth.
 
+pub mod spikes;
+pub mod voids;
+
 use crate::raster::Grid;
 
 /// Bare-earth elevation and what the sun needs to know of its place.
