@@ -1,5 +1,8 @@
 //! Terrain: elevation on a metric grid, with its place on Earth.
 
+pub mod framing;
+pub mod import;
+pub mod mosaic;
 pub mod spikes;
 pub mod voids;
 
