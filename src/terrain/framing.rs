@@ -236,7 +236,8 @@ impl CellLattice {
             return Some(Self { cell_m: wanted_m, corner });
         }
         let is_square = {
-            let (width, height) = (a.col_dx.hypot(a.col_dy), a.row_dx.hypot(a.row_dy));
+            let length = |x: f64, y: f64| (x * x + y * y).sqrt();
+            let (width, height) = (length(a.col_dx, a.col_dy), length(a.row_dx, a.row_dy));
             (width - height).abs() < 1e-6 * width
         };
         let own_m = if placement.to_scene.is_none() && is_square {

@@ -1,17 +1,15 @@
 //! Rasters as files hold them become terrain: metric, north-up, square cells, voids handled.
 //!
-//! Order: units and plausible heights, tile by tile; the scene's CRS and grid ([`framing`](super::framing));
-//! tiles joined ([`mosaic`](super::mosaic)), spikes replaced ([`spikes`](super::spikes)), put onto the grid
-//! by copying or resampling; holes filled ([`voids`](super::voids)); latitude and true north.
+//! Order: units and plausible heights, tile by tile ([`heights`]); the scene's CRS and grid
+//! ([`framing`](super::framing)); tiles joined ([`mosaic`]), spikes replaced ([`spikes`]), put onto the
+//! grid by copying or resampling; holes filled ([`voids`]); latitude and true north.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::framing::{
-    CellLattice, Lattice, MapWindow, Placement, check_affine, lattice_of, target_of,
-};
+use super::framing::{CellLattice, Lattice, MapWindow, Placement, lattice_of, target_of};
 use super::mosaic::{self, NamedRaster};
-use super::{Terrain, spikes, voids};
+use super::{Terrain, heights, spikes, voids};
 use crate::progress::{Cancelled, Reporter, Warning};
 use crate::raster::resample::{Kernel, Samples};
 use crate::raster::warp::{self, Source, Warped};
@@ -142,10 +140,6 @@ pub enum ImportError {
     Cancelled(#[from] Cancelled),
 }
 
-/// Lowest and highest height taken for real, metres: the deepest trench and the highest summit, rounded outward.
-const PLAUSIBLE_M: std::ops::RangeInclusive<f32> = -12_000.0..=9_000.0;
-/// Up to this share of implausible heights is masked, more is an error; chosen: stray cells, not a wrong unit.
-const STRAY_FRACTION: f64 = 0.01;
 /// Cell widths that can be terrain, metres; chosen: dense LiDAR to the coarsest global models.
 const PLAUSIBLE_CELL_M: std::ops::RangeInclusive<f64> = 0.05..=1000.0;
 /// Rows and columns, and the root of valid cells, that terrain has at least: slope needs neighbours.
@@ -173,7 +167,7 @@ pub fn run(
     check_params(params)?;
     let crs = common_crs(&tiles, params, reporter)?;
     let file_latitude_deg = tiles.iter().find_map(|tile| tile.raster.latitude_deg);
-    let tiles = in_metres(tiles, &crs, params, reporter)?;
+    let tiles = heights::in_metres(tiles, &crs, params, reporter)?;
 
     // Where the scene lies
     let first = tiles.first().ok_or(ImportError::NoTiles)?;
@@ -181,9 +175,8 @@ pub fn run(
         let path = path.clone();
         move |source| ImportError::Crs { path, source }
     };
-    let placement = Placement::new(&crs, Lattice::of(&first.raster).middle())
-        .map_err(crs_error(&first.path))?;
-    let (tiles, frame) = scene_frame(tiles, &placement, params)?;
+    let placement = Placement::new(&crs, middle_of(&tiles)).map_err(crs_error(&first.path))?;
+    let (tiles, frame) = scene_frame(tiles, &crs, &placement, params)?;
     let first_path = tiles[0].path.clone();
     if placement.to_scene.is_some() {
         let (from, to) = (crs.to_string(), placement.crs.to_string());
@@ -260,7 +253,7 @@ fn check_params(params: &ImportParams) -> Result<(), ImportError> {
             );
         }
     }
-    if !(params.fill_holes_up_to_m2 >= 0.0) {
+    if params.fill_holes_up_to_m2.is_nan() || params.fill_holes_up_to_m2 < 0.0 {
         let value = params.fill_holes_up_to_m2.to_string();
         return wrong("holes to fill", value, "give an area in m², or 0 for none");
     }
@@ -303,121 +296,27 @@ fn common_crs(
     Ok(first.raster.crs.clone().unwrap_or(Crs::Local))
 }
 
-/// Tiles upright, heights in metres and plausible; tiles without any height are left out.
-fn in_metres(
-    tiles: Vec<NamedRaster>,
-    crs: &Crs,
-    params: &ImportParams,
-    reporter: &Reporter,
-) -> Result<Vec<NamedRaster>, ImportError> {
-    let first_path = tiles.first().map(|tile| tile.path.clone());
-    let projection = match crs {
-        Crs::Local => None,
-        _ => {
-            let path = first_path.clone().unwrap_or_default();
-            Some(Projection::new(crs).map_err(|source| ImportError::Crs { path, source })?)
-        }
+/// The middle of the tiles' middles, in their CRS; does not depend on their order.
+fn middle_of(tiles: &[NamedRaster]) -> [f64; 2] {
+    let span = |axis: usize| {
+        let middles = tiles.iter().map(|tile| Lattice::of(&tile.raster).middle()[axis]);
+        let (low, high) = middles
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), m| (low.min(m), high.max(m)));
+        (low + high) / 2.0
     };
-    let local_unit = params.horizontal_unit.filter(|_| projection.is_none());
-    let foot = match &projection {
-        Some(projection) => projection.foot(),
-        None => local_unit.filter(|unit| *unit != LengthUnit::Metre),
-    };
-    let stage = reporter.stage("read heights", tiles.len() as u64);
-    let mut kept = Vec::with_capacity(tiles.len());
-    for NamedRaster { path, mut raster } in tiles {
-        reporter.check_cancelled()?;
-        stage.advance(1);
-        check_affine(&path, &raster.affine)?;
-        if raster.non_finite_cells > 0 {
-            let cells = raster.non_finite_cells;
-            reporter.warn(Warning::NonFiniteCells { path: path.clone(), cells });
-        }
-        if let Some(unit) = local_unit {
-            scale_affine(&mut raster, unit.metres());
-        }
-        let named = params
-            .vertical_unit
-            .or(raster.vertical_unit)
-            .or_else(|| projection.as_ref().and_then(Projection::vertical_unit));
-        if let (None, Some(_)) = (named, foot) {
-            reporter.warn(Warning::VerticalUnitAssumedFeet { path: path.clone() });
-        }
-        scale_heights(&mut raster, named.or(foot).unwrap_or(LengthUnit::Metre));
-        mask_implausible(&path, &mut raster, reporter)?;
-        if raster.valid.contains(&true) {
-            kept.push(NamedRaster { path, raster: mosaic::upright(raster) });
-        }
-    }
-    match first_path {
-        None => Err(ImportError::NoTiles),
-        Some(path) if kept.is_empty() => Err(ImportError::NoData { path }),
-        Some(_) => Ok(kept),
-    }
-}
-
-fn scale_affine(raster: &mut SourceRaster, metres: f64) {
-    let a = &mut raster.affine;
-    for number in [
-        &mut a.origin_x,
-        &mut a.origin_y,
-        &mut a.col_dx,
-        &mut a.col_dy,
-        &mut a.row_dx,
-        &mut a.row_dy,
-    ] {
-        *number *= metres;
-    }
-}
-
-fn scale_heights(raster: &mut SourceRaster, unit: LengthUnit) {
-    if unit == LengthUnit::Metre {
-        return;
-    }
-    for value in &mut raster.values {
-        *value = (f64::from(*value) * unit.metres()) as f32; // smaller than it was
-    }
-}
-
-fn mask_implausible(
-    path: &std::path::Path,
-    raster: &mut SourceRaster,
-    reporter: &Reporter,
-) -> Result<(), ImportError> {
-    let (mut cells, mut valid_cells) = (0, 0);
-    let (mut lowest_m, mut highest_m) = (f32::INFINITY, f32::NEG_INFINITY);
-    for (value, valid) in raster.values.iter_mut().zip(&mut raster.valid) {
-        if *valid {
-            valid_cells += 1;
-            (lowest_m, highest_m) = (lowest_m.min(*value), highest_m.max(*value));
-            if !PLAUSIBLE_M.contains(value) {
-                cells += 1;
-                (*value, *valid) = (0.0, false);
-            }
-        }
-    }
-    if cells as f64 > STRAY_FRACTION * valid_cells as f64 {
-        return Err(ImportError::Heights { path: path.to_path_buf(), cells, lowest_m, highest_m });
-    }
-    if cells > 0 {
-        let path = path.display();
-        let text = format!(
-            "{path}: {cells} heights outside −12,000…9,000 m (lowest {lowest_m} m, highest {highest_m} m); treated as nodata"
-        );
-        reporter.warn(Warning::Other { text });
-    }
-    Ok(())
+    [span(0), span(1)]
 }
 
 /// The scene's frame, and the tiles that reach into it.
 fn scene_frame(
     tiles: Vec<NamedRaster>,
+    crs: &Crs,
     placement: &Placement,
     params: &ImportParams,
 ) -> Result<(Vec<NamedRaster>, Frame), ImportError> {
     let outside = |tile: &NamedRaster| ImportError::OutsideCrs {
         path: tile.path.clone(),
-        crs: tile.raster.crs.as_ref().unwrap_or(&placement.crs).to_string(),
+        crs: crs.to_string(),
     };
     let extent = |tile: &NamedRaster| {
         placement.extent(&Lattice::of(&tile.raster)).ok_or_else(|| outside(tile))
@@ -497,13 +396,14 @@ fn on_frame(
             spikes +=
                 spikes::replace_spikes(raster.cols, cell_m, &mut raster.values, &raster.valid);
         }
-        let cut = match placement.to_source {
-            None => mosaic::cut(raster, &lattice_of(frame)),
-            Some(_) => Err(raster),
+        let frame_lattice = lattice_of(frame);
+        let offset = match placement.to_source {
+            None => frame_lattice.offset_of(&Lattice::of(&raster)),
+            Some(_) => None,
         };
-        let layer = match cut {
-            Ok(layer) => layer,
-            Err(raster) => resampled(&raster, placement, frame, params.resampling, reporter)?,
+        let layer = match offset {
+            Some(offset) => mosaic::cut(raster, offset, &frame_lattice),
+            None => resampled(&raster, placement, frame, params.resampling, reporter)?,
         };
         match &mut scene {
             Some(above) => disagreements += mosaic::lay_under(above, &layer),

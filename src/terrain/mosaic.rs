@@ -147,15 +147,12 @@ fn lay(values: &mut [f32], valid: &mut [bool], below: &[f32], below_valid: &[boo
     disagreements
 }
 
-/// The cells of `raster` that lie in `frame`, bit for bit.
-///
-/// # Errors
-/// The raster, to be resampled, if it is on another lattice.
-pub fn cut(raster: SourceRaster, frame: &Lattice) -> Result<Warped, SourceRaster> {
+/// The cells of `raster` that lie in `frame`, bit for bit; `offset` is the place of the raster's first
+/// cell in the frame ([`Lattice::offset_of`]).
+pub fn cut(raster: SourceRaster, (row, col): (i64, i64), frame: &Lattice) -> Warped {
     let lattice = Lattice::of(&raster);
-    let Some((row, col)) = frame.offset_of(&lattice) else { return Err(raster) };
     if (row, col, lattice.rows, lattice.cols) == (0, 0, frame.rows, frame.cols) {
-        return Ok(Warped { values: raster.values, valid: raster.valid });
+        return Warped { values: raster.values, valid: raster.valid };
     }
     let cells = frame.rows * frame.cols;
     let mut cut = Warped { values: vec![0.0; cells], valid: vec![false; cells] };
@@ -173,7 +170,7 @@ pub fn cut(raster: SourceRaster, frame: &Lattice) -> Result<Warped, SourceRaster
         cut.values[to.clone()].copy_from_slice(&raster.values[from.clone()]);
         cut.valid[to].copy_from_slice(&raster.valid[from]);
     }
-    Ok(cut)
+    cut
 }
 
 #[cfg(test)]
@@ -198,7 +195,7 @@ mod tests {
             vertical_unit: None,
             latitude_deg: None,
             values: (0..rows * cols).map(value).collect(),
-            valid: (0..rows * cols).map(|i| (row * 3 + col + i) % 17 != 0).collect(),
+            valid: (0..rows * cols).map(|i| !(row * 3 + col + i).is_multiple_of(17)).collect(),
             non_finite_cells: 0,
         };
         NamedRaster { path: format!("{row}_{col}.tif").into(), raster }
@@ -246,16 +243,21 @@ mod tests {
     fn cutting_copies_what_overlaps() {
         let source = tile(2, 2, 4, 4);
         let frame = Lattice::of(&tile(0, 3, 4, 9).raster);
-        let cut_out = cut(source.raster.clone(), &frame).unwrap();
+        let cut_to = |frame: &Lattice| {
+            let offset = frame.offset_of(&Lattice::of(&source.raster)).unwrap();
+            cut(source.raster.clone(), offset, frame)
+        };
+        let cut_out = cut_to(&frame);
         assert!(!cut_out.valid[..18].contains(&true));
         assert_eq!(cut_out.values[18..21], source.raster.values[1..4]);
         assert_eq!(cut_out.valid[27..30], source.raster.valid[5..8]);
         assert!(!cut_out.valid[30..].contains(&true));
         // beside it: nothing
-        let beside = Lattice::of(&tile(0, 30, 4, 9).raster);
-        assert!(!cut(source.raster.clone(), &beside).unwrap().valid.contains(&true));
-        let before = Lattice::of(&tile(2, 0, 4, 1).raster);
-        assert!(!cut(source.raster, &before).unwrap().valid.contains(&true));
+        for (row, col, rows, cols) in [(0, 30, 4, 9), (2, 0, 4, 1), (20, 2, 3, 3)] {
+            assert!(
+                !cut_to(&Lattice::of(&tile(row, col, rows, cols).raster)).valid.contains(&true)
+            );
+        }
     }
 
     #[test]
