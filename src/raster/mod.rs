@@ -1,15 +1,20 @@
 //! Grids on the map: values, place, mask. Row 0 lies north, values stand at cell centres.
 //!
-//! Reading order: [`frame`] (where cells lie), [`mask`] (which are valid), [`grid`] (values), [`crs`], [`source`].
+//! Reading order: [`frame`] (where cells lie), [`mask`] (which are valid), [`grid`] (values), [`crs`] and
+//! [`projection`] (where on Earth), [`source`] (as files hold them), [`resample`] and [`warp`] (onto another grid).
 
 pub mod crs;
 pub mod frame;
 pub mod grid;
 pub mod mask;
+pub mod projection;
+pub mod resample;
 pub mod source;
+pub mod warp;
 
-pub use crs::Crs;
+pub use crs::{Crs, CrsError, utm_zone_for};
 pub use frame::{Cell, Frame, GeoTransform, MapPoint};
 pub use grid::{Grid, MONTHS, MonthlyGrid};
 pub use mask::Mask;
+pub use projection::{Projection, Projector};
 pub use source::{Affine, LengthUnit, SourceRaster};

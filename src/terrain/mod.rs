@@ -1,4 +1,14 @@
 //! Terrain: elevation on a metric grid, with its place on Earth.
+//!
+//! Reading order: [`import`] (from rasters to terrain), [`heights`] (units), [`framing`] (CRS and grid),
+//! [`mosaic`] (tiles), [`spikes`], [`voids`].
+
+pub mod framing;
+pub mod heights;
+pub mod import;
+pub mod mosaic;
+pub mod spikes;
+pub mod voids;
 
 use crate::raster::Grid;
 
