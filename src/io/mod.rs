@@ -1,5 +1,9 @@
 //! Bytes to data and back: one format a file. Parsers take bytes and limits, know no paths, and never panic.
 
+pub mod geokeys;
+pub mod las;
+pub mod wkt;
+
 use std::path::{Path, PathBuf};
 
 /// Trouble with a file.
