@@ -321,7 +321,9 @@ fn decode(
                 .decompress_classification()
                 .decompress_flags(),
         );
-        assert_eq!(decoder.record_size(), header.record_bytes, "LASzip items of another size");
+        if decoder.record_size() != header.record_bytes {
+            return Err(std::io::Error::other("fields of another size").into());
+        }
         let mut columns = Columns::default();
         let mut block = vec![0; BLOCK_RECORDS * header.record_bytes];
         let mut left = chunk.points;
