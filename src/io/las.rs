@@ -90,7 +90,11 @@ pub struct Bounds {
 
 impl PointCloud {
     /// A cloud without points, to be filled by [`push`](Self::push).
-    pub fn new(axes: [Quantization; 3], crs: Option<Crs>, vertical_unit: Option<LengthUnit>) -> Self {
+    pub fn new(
+        axes: [Quantization; 3],
+        crs: Option<Crs>,
+        vertical_unit: Option<LengthUnit>,
+    ) -> Self {
         Self { columns: Columns::default(), axes, crs, vertical_unit }
     }
 
@@ -219,9 +223,7 @@ pub fn parse<R: Read + Seek>(
 }
 
 /// CRS and vertical unit: the WKT's, and from the GeoTIFF keys what it does not say.
-fn reference(
-    records: &header::Records,
-) -> Result<(Option<Crs>, Option<LengthUnit>), ParseError> {
+fn reference(records: &header::Records) -> Result<(Option<Crs>, Option<LengthUnit>), ParseError> {
     let (mut crs, mut vertical_unit) = wkt::parse(&records.wkt);
     if !records.geo_keys.is_empty() && (crs.is_none() || vertical_unit.is_none()) {
         let keys = geokeys::parse(&records.geo_keys, &records.geo_doubles, &records.geo_ascii)?;
@@ -243,7 +245,7 @@ pub fn read(path: &Path, window: Option<Window>, limits: &Limits) -> Result<Poin
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use std::io::Cursor;
 
     use las::point::{Classification, Format};
@@ -307,8 +309,22 @@ mod tests {
         assert_eq!(back.axes(), cloud.axes());
         assert_eq!((&back.columns.x, &back.columns.y), (&cloud.columns.x, &cloud.columns.y));
         assert_eq!((&back.columns.z, back.classes()), (&cloud.columns.z, cloud.classes()));
-        assert_eq!((back.crs.clone(), back.vertical_unit), (cloud.crs.clone(), cloud.vertical_unit));
+        assert_eq!(
+            (back.crs.clone(), back.vertical_unit),
+            (cloud.crs.clone(), cloud.vertical_unit)
+        );
         assert_eq!(back.bounds(), cloud.bounds());
+    }
+
+    #[test]
+    fn a_written_file_is_whole_and_nothing_else_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("forest.laz");
+        write_laz(&cloud(1000), &path).unwrap();
+        assert_eq!(read(&path, None, &Limits::default()).unwrap().len(), 1000);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        let error = read(&folder.path().join("none.laz"), None, &Limits::default()).unwrap_err();
+        assert!(matches!(error, Error::Read { .. }));
     }
 
     #[test]
@@ -363,11 +379,16 @@ mod tests {
     fn clouds_are_joined_in_the_first_ones_steps() {
         let mut first = cloud(10);
         let axis = |offset| Quantization { scale: 0.001, offset };
-        let mut second = PointCloud::new([axis(399_000.0), axis(5_000_000.0), axis(100.0)], None, None);
+        let mut second =
+            PointCloud::new([axis(399_000.0), axis(5_000_000.0), axis(100.0)], None, None);
         second.push([400_002.503, 5_000_001.0, 250.25], 9);
         first.append(second);
         let [x, y, z] = first.position(10);
-        assert!((x - 400_002.5).abs() < 1e-9 && (y - 5_000_001.0).abs() < 1e-9 && (z - 250.25).abs() < 1e-9);
+        assert!(
+            (x - 400_002.5).abs() < 1e-9
+                && (y - 5_000_001.0).abs() < 1e-9
+                && (z - 250.25).abs() < 1e-9
+        );
         assert_eq!((first.len(), first.class(10)), (11, 9));
     }
 
@@ -400,7 +421,11 @@ mod tests {
                 (155, f64::INFINITY.to_le_bytes().to_vec()),
             ] {
                 let read = altered(&bytes, at, &with);
-                assert!(read.is_err(), "byte {at}, compressed {compressed}: {:?}", read.map(|c| c.len()));
+                assert!(
+                    read.is_err(),
+                    "byte {at}, compressed {compressed}: {:?}",
+                    read.map(|c| c.len())
+                );
             }
         }
         let few = Limits { max_points: 99, ..Limits::default() };
@@ -451,7 +476,7 @@ mod tests {
 
     #[test]
     fn real_clouds_are_read() {
-        let Some(folder) = crate::io::las::tests::data() else { return };
+        let Some(folder) = data() else { return };
         for (name, points, epsg) in [
             ("bcts_1.laz", 531_662, 3005),
             ("osbs.laz", 217_216, 32617),

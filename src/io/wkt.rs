@@ -47,7 +47,13 @@ fn split<'n, 'a>(node: &'n Node<'a>) -> (Option<&'n Node<'a>>, Option<&'n Node<'
         return (None, Some(node));
     }
     let horizontal = [
-        "PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", "GEODCRS",
+        "PROJCS",
+        "PROJCRS",
+        "PROJECTEDCRS",
+        "GEOGCS",
+        "GEOGCRS",
+        "GEOGRAPHICCRS",
+        "GEODCRS",
         "GEODETICCRS",
     ];
     (node.is(&horizontal).then_some(node), None)
@@ -81,7 +87,8 @@ fn read_node(text: &str) -> Option<Node<'_>> {
     let mut open: Vec<(Node<'_>, usize)> = Vec::new();
     let mut rest = 0;
     loop {
-        rest += text[rest..].len() - text[rest..].trim_start_matches([' ', '\t', '\r', '\n', ',']).len();
+        rest += text[rest..].len()
+            - text[rest..].trim_start_matches([' ', '\t', '\r', '\n', ',']).len();
         let tail = &text[rest..];
         let first = tail.chars().next()?;
         if first == ']' || first == ')' {

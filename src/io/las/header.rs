@@ -62,7 +62,10 @@ pub(super) fn truncated(what: &str) -> ParseError {
 
 /// The error for a header that cannot be right.
 pub(super) fn damaged(what: impl Into<String>) -> ParseError {
-    ParseError::new(what, "the file is damaged: copy or download it again, or check it with `pdal info`")
+    ParseError::new(
+        what,
+        "the file is damaged: copy or download it again, or check it with `pdal info`",
+    )
 }
 
 /// Turns a read error into a parse error; `what` was being read.
@@ -127,10 +130,7 @@ pub(super) fn parse<R: Read + Seek>(
 fn header_block<R: Read + Seek>(reader: &mut R) -> Result<Vec<u8>, ParseError> {
     let mut bytes = Vec::with_capacity(LONGEST_HEADER);
     reader.seek(SeekFrom::Start(0)).map_err(reading("the header"))?;
-    reader
-        .take(LONGEST_HEADER as u64)
-        .read_to_end(&mut bytes)
-        .map_err(reading("the header"))?;
+    reader.take(LONGEST_HEADER as u64).read_to_end(&mut bytes).map_err(reading("the header"))?;
     if bytes.len() < 4 || &bytes[..4] != b"LASF" {
         return Err(ParseError::new(
             "this is no LAS or LAZ file (it does not begin with `LASF`)",
@@ -220,8 +220,7 @@ fn read_records<R: Read + Seek>(
         reader.seek(SeekFrom::Start(position)).map_err(reading(what))?;
         reader.read_exact(&mut head[..head_bytes as usize]).map_err(reading(what))?;
         let id = u16_at(&head, 18);
-        let body =
-            if extended { u64_at(&head, 20) } else { u64::from(u16_at(&head, 20)) };
+        let body = if extended { u64_at(&head, 20) } else { u64::from(u16_at(&head, 20)) };
         position += head_bytes;
         if body > end - position {
             return Err(truncated(what));

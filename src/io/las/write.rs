@@ -21,7 +21,10 @@ const BATCH_POINTS: usize = 800_000;
 pub fn write_laz(cloud: &PointCloud, path: &Path) -> Result<(), Error> {
     let failed = |source| Error::Write { path: path.to_path_buf(), source };
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let file = tempfile::NamedTempFile::new_in(folder).map_err(failed)?;
+    let mut beside = tempfile::Builder::new();
+    #[cfg(unix)] // readable as any other file: the process's umask applies
+    beside.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let file = beside.tempfile_in(folder).map_err(failed)?;
     let out = file.reopen().map_err(failed)?;
     write(cloud, BufWriter::new(out)).map_err(|e| failed(std::io::Error::other(e)))?;
     file.persist(path).map_err(|e| failed(e.error))?;
@@ -33,10 +36,8 @@ pub(super) fn write<W>(cloud: &PointCloud, out: W) -> las::Result<W>
 where
     W: std::io::Write + std::io::Seek + Send + Sync + 'static,
 {
-    let transform = |axis: usize| Transform {
-        scale: cloud.axes[axis].scale,
-        offset: cloud.axes[axis].offset,
-    };
+    let transform =
+        |axis: usize| Transform { scale: cloud.axes[axis].scale, offset: cloud.axes[axis].offset };
     let transforms = Vector { x: transform(0), y: transform(1), z: transform(2) };
     let mut format = Format::new(6)?;
     format.is_compressed = true;

@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::layout::cell_index;
 use super::Error;
+use super::layout::cell_index;
 use crate::io::las::PointCloud;
 use crate::progress::{Reporter, Warning};
 use crate::raster::Frame;
@@ -77,7 +77,8 @@ pub(super) fn points(
     stage.advance(cloud.len() as u64);
     let removed = before - points.len();
     if removed > 0 {
-        let text = format!("left out {removed} ground points far above or below their surroundings");
+        let text =
+            format!("left out {removed} ground points far above or below their surroundings");
         reporter.warn(Warning::Other { text });
     }
     Ok(points)
@@ -135,7 +136,8 @@ fn median_point(
     }
     let mut points: Vec<GroundPoint> = members.iter().map(|i| point(*i)).collect();
     points.sort_by(|a, b| a.z_m.total_cmp(&b.z_m));
-    let (lower, upper) = (points.get(members.len().checked_sub(1)? / 2)?, points.get(members.len() / 2)?);
+    let (lower, upper) =
+        (points.get(members.len().checked_sub(1)? / 2)?, points.get(members.len() / 2)?);
     let off_center = |p: &GroundPoint| {
         let east = p.east_m - (center.east_m - t.west_m);
         let south = p.south_m - (t.north_m - center.north_m);
@@ -247,11 +249,93 @@ fn outliers(points: &[GroundPoint], frame: &Frame) -> Vec<usize> {
             .map(|i| *i as usize)
             .filter(|i| {
                 let a = plane.above(&points[*i]);
-                (a > tolerance && high <= MAX_COMPANIONS) || (a < -tolerance && low <= MAX_COMPANIONS)
+                (a > tolerance && high <= MAX_COMPANIONS)
+                    || (a < -tolerance && low <= MAX_COMPANIONS)
             })
             .collect()
     };
     let mut found: Vec<usize> = (0..rows * cols).into_par_iter().flat_map_iter(judge).collect();
     found.sort_unstable();
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::las::Quantization;
+
+    fn cloud(points: &[([f64; 3], u8)]) -> PointCloud {
+        let mut cloud =
+            PointCloud::new([Quantization { scale: 0.001, offset: 0.0 }; 3], None, None);
+        for (position, class) in points {
+            cloud.push(*position, *class);
+        }
+        cloud
+    }
+
+    /// A rough slope of 60 × 60 m, one ground point a m², changed by `height`.
+    fn slope(height: impl Fn(f64, f64, f64) -> f64) -> (PointCloud, Frame) {
+        let points: Vec<_> = (0..3600)
+            .map(|i| {
+                let (x, y) = (f64::from(i % 60) + 0.5, f64::from(i / 60) + 0.5);
+                let z = 100.0 + 0.8 * x + 0.1 * f64::from(i * 7919 % 11);
+                ([x, y, height(x, y, z)], 2)
+            })
+            .collect();
+        (cloud(&points), Frame::local(60, 60, 1.0))
+    }
+
+    /// How many points are left out, and the lowest and highest kept, after [`slope`].
+    fn left_out(height: impl Fn(f64, f64, f64) -> f64) -> usize {
+        let (cloud, frame) = slope(height);
+        let reporter = Reporter::silent();
+        let kept = points(&cloud, &frame, &reporter).unwrap().len();
+        assert_eq!(reporter.warnings().len(), usize::from(kept < 3600));
+        3600 - kept
+    }
+
+    #[test]
+    fn the_median_of_a_cell_is_kept() {
+        let frame = Frame::local(1, 2, 1.0);
+        let cloud = cloud(&[
+            ([0.1, 0.5, 9.0], 2),
+            ([0.6, 0.5, 10.0], 2),
+            ([0.9, 0.5, 3.0], 2),
+            ([0.5, 0.5, 20.0], 5), // no ground
+            ([1.9, 0.5, 1.0], 8),
+            ([1.6, 0.5, 2.0], 9), // of two, the nearer to the centre
+        ]);
+        let kept = points(&cloud, &frame, &Reporter::silent()).unwrap();
+        let seen: Vec<_> = kept.iter().map(|p| (p.east_m, p.south_m, p.z_m)).collect();
+        assert_eq!(seen, [(0.1, 0.5, 9.0), (1.6, 0.5, 2.0)]);
+    }
+
+    #[test]
+    fn no_ground_class_is_an_error_that_says_what_to_do() {
+        let cloud = cloud(&[([0.5, 0.5, 1.0], 1), ([0.6, 0.5, 1.0], 5)]);
+        let error = points(&cloud, &Frame::local(1, 1, 1.0), &Reporter::silent()).unwrap_err();
+        assert_eq!(error, Error::NoGround { points: 2 });
+        assert!(error.to_string().contains("pdal ground"), "{error}");
+    }
+
+    #[test]
+    fn lone_pits_and_spikes_go() {
+        assert_eq!(left_out(|_, _, z| z), 0);
+        let at = |x: f64, y: f64, cx: f64, cy: f64| x == cx + 0.5 && y == cy + 0.5;
+        assert_eq!(left_out(|x, y, z| if at(x, y, 30.0, 31.0) { z - 5.0 } else { z }), 1);
+        assert_eq!(left_out(|x, y, z| if at(x, y, 30.0, 31.0) { z + 4.0 } else { z }), 1);
+        assert_eq!(left_out(|x, y, z| if at(x, y, 30.0, 31.0) { z - 700.0 } else { z }), 1);
+        let pair = |x, y| at(x, y, 12.0, 40.0) || at(x, y, 13.0, 40.0) || at(x, y, 50.0, 9.0);
+        assert_eq!(left_out(|x, y, z| if pair(x, y) { z - 6.0 } else { z }), 3);
+    }
+
+    #[test]
+    fn real_forms_stay() {
+        // a cliff, a ditch, a sinkhole of 5 m, a ridge
+        assert_eq!(left_out(|x, _, z| if x > 31.0 { z + 20.0 } else { z }), 0);
+        assert_eq!(left_out(|x, _, z| if (30.0..32.0).contains(&x) { z - 3.0 } else { z }), 0);
+        let hole = |x: f64, y: f64| (x - 30.0).hypot(y - 30.0) < 2.5;
+        assert_eq!(left_out(|x, y, z| if hole(x, y) { z - 5.0 } else { z }), 0);
+        assert_eq!(left_out(|x, _, z| z - 2.0 * (x - 30.0).abs()), 0);
+    }
 }

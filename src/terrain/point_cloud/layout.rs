@@ -1,7 +1,7 @@
 //! The grid of a cloud: how wide its cells are, and where they lie.
 
 use super::{Error, Params};
-use crate::io::las::PointCloud;
+use crate::io::las::{Bounds, PointCloud};
 use crate::raster::{Crs, Frame, GeoTransform};
 
 /// Cell widths to choose from, m.
@@ -15,10 +15,14 @@ const BLOCK_M: f64 = 10.0;
 const MAX_BLOCKS: f64 = 4e6;
 
 /// The frame of the cloud's grids.
-pub(super) fn frame(cloud: &PointCloud, crs: Crs, params: &Params) -> Result<Frame, Error> {
-    let bounds = cloud.bounds().ok_or(Error::NoPoints)?;
+pub(super) fn frame(
+    bounds: &Bounds,
+    density_per_m2: f64,
+    crs: Crs,
+    params: &Params,
+) -> Result<Frame, Error> {
     let ([west, south, _], [east, north, _]) = (bounds.min, bounds.max);
-    let cell_m = params.cell_m.unwrap_or_else(|| cell_for(density(cloud, bounds.min, bounds.max)));
+    let cell_m = params.cell_m.unwrap_or_else(|| cell_for(density_per_m2));
 
     // edges snap outwards; a point on the east or south edge belongs to the last cell
     let west_m = (west / cell_m).floor() * cell_m;
@@ -39,7 +43,8 @@ pub(super) fn frame(cloud: &PointCloud, crs: Crs, params: &Params) -> Result<Fra
 }
 
 /// Points per m² of the land that has any.
-fn density(cloud: &PointCloud, min: [f64; 3], max: [f64; 3]) -> f64 {
+pub(super) fn density_per_m2(cloud: &PointCloud, bounds: &Bounds) -> f64 {
+    let (min, max) = (bounds.min, bounds.max);
     let (width, height) = (max[0] - min[0], max[1] - min[1]);
     let block_m = BLOCK_M.max((width * height / MAX_BLOCKS).sqrt());
     let cols = (width / block_m) as usize + 1;
@@ -84,11 +89,16 @@ mod tests {
         cloud
     }
 
+    fn frame_of(points: &[[f64; 3]], cell_m: Option<f64>) -> Result<Frame, Error> {
+        let cloud = cloud(points);
+        let bounds = cloud.bounds().unwrap();
+        let params = Params { cell_m, ..Params::default() };
+        frame(&bounds, density_per_m2(&cloud, &bounds), Crs::Local, &params)
+    }
+
     #[test]
     fn edges_are_multiples_of_the_cell() {
-        let cloud = cloud(&[[101.3, 200.0, 0.0], [104.0, 207.9, 0.0]]);
-        let params = Params { cell_m: Some(2.0), ..Params::default() };
-        let frame = frame(&cloud, Crs::Local, &params).unwrap();
+        let frame = frame_of(&[[101.3, 200.0, 0.0], [104.0, 207.9, 0.0]], Some(2.0)).unwrap();
         assert_eq!((frame.transform.west_m, frame.transform.north_m), (100.0, 208.0));
         assert_eq!((frame.rows, frame.cols), (4, 2));
         assert_eq!(cell_index(&frame, 104.0, 200.0), 7); // on both far edges
@@ -101,16 +111,17 @@ mod tests {
             assert_eq!(cell_for(density), cell, "{density} points per m²");
         }
         // 4 points per m² on two patches far apart: the empty land between does not count
-        let patch = |x: f64| (0..1600).map(move |i| [x + 0.5 * f64::from(i % 40), 0.5 * f64::from(i / 40), 0.0]);
+        let patch = |x: f64| {
+            (0..1600).map(move |i| [x + 0.5 * f64::from(i % 40), 0.5 * f64::from(i / 40), 0.0])
+        };
         let points: Vec<_> = patch(0.0).chain(patch(5000.0)).collect();
-        let frame = frame(&cloud(&points), Crs::Local, &Params::default()).unwrap();
+        let frame = frame_of(&points, None).unwrap();
         assert_eq!(frame.transform.cell_m, 1.0);
     }
 
     #[test]
     fn a_point_far_off_is_an_error_and_no_giant_grid() {
-        let cloud = cloud(&[[0.0; 3], [2e7, 2e7, 0.0]]);
-        let params = Params { cell_m: Some(1.0), ..Params::default() };
-        assert!(matches!(frame(&cloud, Crs::Local, &params), Err(Error::TooLarge { .. })));
+        let frame = frame_of(&[[0.0; 3], [2e7, 2e7, 0.0]], Some(1.0));
+        assert!(matches!(frame, Err(Error::TooLarge { .. })));
     }
 }

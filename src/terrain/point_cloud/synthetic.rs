@@ -41,7 +41,8 @@ struct Tree {
 /// The tree of a square, if it has one. Squares are counted from the corner.
 fn tree(seed: u64, col: i64, row: i64) -> Option<Tree> {
     let [there, east, north, size] = rng::uniforms(key(seed, 1, rng::entity_of_cell(col, row)));
-    let at = |square: i64, share: f32| (square as f64 + 0.2 + 0.6 * f64::from(share)) * TREE_SQUARE_M;
+    let at =
+        |square: i64, share: f32| (square as f64 + 0.2 + 0.6 * f64::from(share)) * TREE_SQUARE_M;
     (there < TREE_SHARE).then(|| Tree {
         foot: MapPoint {
             east_m: CORNER.east_m + at(col, east),
@@ -60,10 +61,11 @@ fn key(seed: u64, what: u16, entity: u64) -> Key {
 /// Height of the crowns above ground at a map position, m; 0 beside them.
 fn crown_m(seed: u64, place: MapPoint) -> f64 {
     let square = |m: f64| (m / TREE_SQUARE_M).floor() as i64;
-    let (col, row) =
-        (square(place.east_m - CORNER.east_m), square(place.north_m - CORNER.north_m));
+    let (col, row) = (square(place.east_m - CORNER.east_m), square(place.north_m - CORNER.north_m));
     let mut top = 0.0_f64;
-    for tree in (row - 1..=row + 1).flat_map(|r| (col - 1..=col + 1).filter_map(move |c| tree(seed, c, r))) {
+    for tree in
+        (row - 1..=row + 1).flat_map(|r| (col - 1..=col + 1).filter_map(move |c| tree(seed, c, r)))
+    {
         let (e, n) = (place.east_m - tree.foot.east_m, place.north_m - tree.foot.north_m);
         let share = 1.0 - (e * e + n * n).sqrt() / tree.radius_m;
         // the crown is the upper 70 % of the tree

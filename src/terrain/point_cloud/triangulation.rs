@@ -5,6 +5,9 @@
 //! reaches. It also makes tiles exact: every triangle kept lies, with its circle, within one gap of any
 //! cell it covers, so a tile triangulated with a margin of one gap has exactly the triangles of the whole.
 
+use std::ops::Range;
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 
@@ -21,11 +24,21 @@ const EDGE: f64 = 1e-9;
 /// The surface through ground points (in row-major order of their cells).
 pub(super) fn interpolate(
     points: &[GroundPoint],
-    frame: &std::sync::Arc<Frame>,
+    frame: &Arc<Frame>,
     max_gap_m: f64,
     reporter: &Reporter,
 ) -> Result<Grid<f32>, Error> {
-    let tiles = tiles(frame);
+    interpolate_tiled(points, frame, max_gap_m, TILE_CELLS, reporter)
+}
+
+fn interpolate_tiled(
+    points: &[GroundPoint],
+    frame: &Arc<Frame>,
+    max_gap_m: f64,
+    tile_cells: i64,
+    reporter: &Reporter,
+) -> Result<Grid<f32>, Error> {
+    let tiles = tiles(frame, tile_cells);
     let stage = reporter.stage("ground surface", tiles.len() as u64);
     let row_starts = row_starts(points, frame);
     let filled: Vec<Result<Vec<Option<f32>>, Error>> = tiles
@@ -53,14 +66,14 @@ pub(super) fn interpolate(
             }
         }
     }
-    Ok(Grid::new(std::sync::Arc::clone(frame), std::sync::Arc::new(Mask::new(valid)), values))
+    Ok(Grid::new(Arc::clone(frame), Arc::new(Mask::new(valid)), values))
 }
 
 /// A rectangle of cells.
 #[derive(Clone, Debug)]
 struct Tile {
-    rows: std::ops::Range<usize>,
-    cols: std::ops::Range<usize>,
+    rows: Range<usize>,
+    cols: Range<usize>,
 }
 
 impl Tile {
@@ -73,15 +86,15 @@ impl Tile {
 }
 
 /// Tiles that cover the frame, cut at multiples of the tile in map coordinates.
-fn tiles(frame: &Frame) -> Vec<Tile> {
+fn tiles(frame: &Frame, tile_cells: i64) -> Vec<Tile> {
     let t = &frame.transform;
     let cuts = |edge_m: f64, cells: usize| {
         let first = (edge_m / t.cell_m).round() as i64; // the edge, in whole cells from the map's origin
         let mut cuts = vec![0];
-        let mut next = (TILE_CELLS - first.rem_euclid(TILE_CELLS)) as usize;
+        let mut next = (tile_cells - first.rem_euclid(tile_cells)) as usize;
         while next < cells {
             cuts.push(next);
-            next += TILE_CELLS as usize;
+            next += tile_cells as usize;
         }
         cuts.push(cells);
         cuts
@@ -107,12 +120,7 @@ fn row_starts(points: &[GroundPoint], frame: &Frame) -> Vec<usize> {
 }
 
 /// The points in a rectangle.
-fn within(
-    points: &[GroundPoint],
-    row_starts: &[usize],
-    frame: &Frame,
-    tile: Tile,
-) -> Vec<Vertex> {
+fn within(points: &[GroundPoint], row_starts: &[usize], frame: &Frame, tile: Tile) -> Vec<Vertex> {
     tile.rows
         .flat_map(|row| {
             let line = &points[row_starts[row]..row_starts[row + 1]];
@@ -166,11 +174,11 @@ fn sample(
         return;
     }
 
-    // cells whose centres, at half cells, lie between the corners
-    let span = |low: f64, high: f64, cells: &std::ops::Range<usize>| {
-        let first = (low / cell - 0.5 - EDGE).ceil().max(cells.start as f64) as usize;
-        let last = (high / cell - 0.5 + EDGE).floor().min(cells.end as f64 - 1.0);
-        if last < 0.0 { 1..=0 } else { first..=last as usize }
+    // cells whose centres, at half cells, lie between the corners; `as` makes negative numbers 0
+    let span = |low: f64, high: f64, cells: &Range<usize>| {
+        let first = (low / cell - 0.5 - EDGE).ceil() as usize;
+        let end = ((high / cell + 0.5 + EDGE).floor()) as usize;
+        first.max(cells.start)..end.min(cells.end)
     };
     let extremes = |of: fn(&GroundPoint) -> f64| {
         let (p, q, r) = (of(&a), of(&b), of(&c));
@@ -190,5 +198,113 @@ fn sample(
                 heights[at] = Some(z as f32);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math;
+    use crate::raster::Cell;
+    use crate::rng::{self, Key, Process};
+
+    /// Points strewn one a cell, in row-major order, where `there`.
+    fn strewn(
+        frame: &Frame,
+        there: impl Fn(f64, f64) -> bool,
+        height: impl Fn(f64, f64) -> f64,
+    ) -> Vec<GroundPoint> {
+        (0..frame.len())
+            .filter_map(|index| {
+                let (seed, process, entity) = (5, Process::SyntheticCloud, index as u64);
+                let draws = rng::uniforms(Key { seed, process, year: 2, month: 0, entity });
+                let cell = frame.cell(index);
+                let at = |cells: usize, share: f32| {
+                    (cells as f64 + f64::from(share)) * frame.transform.cell_m
+                };
+                let (east_m, south_m) = (at(cell.col, draws[0]), at(cell.row, draws[1]));
+                let z_m = height(east_m, south_m);
+                there(east_m, south_m).then_some(GroundPoint { east_m, south_m, z_m })
+            })
+            .collect()
+    }
+
+    fn surface(points: &[GroundPoint], frame: Frame, max_gap_m: f64, tile_cells: i64) -> Grid<f32> {
+        interpolate_tiled(points, &Arc::new(frame), max_gap_m, tile_cells, &Reporter::silent())
+            .unwrap()
+    }
+
+    #[test]
+    fn a_plane_is_met_exactly() {
+        let plane = |e: f64, s: f64| 100.0 + 0.3 * e - 0.7 * s;
+        let frame = Frame::local(40, 60, 0.5);
+        let points = strewn(&frame, |_, _| true, plane);
+        let grid = surface(&points, frame, 10.0, TILE_CELLS);
+        assert!(grid.mask().valid_count() > 38 * 58, "{}", grid.mask().valid_count());
+        for row in 0..40 {
+            for col in 0..60 {
+                let Some(z) = grid.get(Cell { row, col }) else { continue };
+                let expected = plane(0.25 + 0.5 * col as f64, 0.25 + 0.5 * row as f64);
+                assert!((f64::from(*z) - expected).abs() < 1e-4, "{row} {col}: {z}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_paraboloid_is_met_within_the_bound_of_linear_interpolation() {
+        let bowl = |e: f64, s: f64| ((e - 30.0).powi(2) + (s - 30.0).powi(2)) / 200.0;
+        let frame = Frame::local(60, 60, 1.0);
+        let points = strewn(&frame, |_, _| true, bowl);
+        let grid = surface(&points, frame, 6.0, TILE_CELLS);
+        let mut worst = 0.0_f64;
+        for index in (0..grid.frame().len()).filter(|i| grid.mask().is_valid(*i)) {
+            let cell = grid.frame().cell(index);
+            let expected = bowl(cell.col as f64 + 0.5, cell.row as f64 + 0.5);
+            let above = f64::from(grid.values()[index]) - expected;
+            assert!(above > -1e-5, "chords of a bowl lie above it");
+            worst = worst.max(above);
+        }
+        // above the chord by at most radius² / 200, radius ≤ 3 m
+        assert!(worst < 9.0 / 200.0 && worst > 1e-3, "{worst}");
+    }
+
+    #[test]
+    fn tiles_have_the_triangles_of_the_whole() {
+        let rough = |e: f64, s: f64| 3.0 * math::sin_f64(e) + 2.0 * math::cos_f64(1.3 * s);
+        // a lake, a strip without points, thin stands: circles of all sizes
+        let there = |e: f64, s: f64| {
+            let lake = (e - 70.0).hypot(s - 60.0) < 17.0;
+            let thin = e > 100.0 && (e * 7.3 + s * 3.1).rem_euclid(1.0) > 0.15;
+            !lake && !thin && !(s > 100.0 && s < 107.0)
+        };
+        let mut frame = Frame::local(150, 170, 1.0);
+        frame.transform.west_m = 400_013.0; // tiles do not begin where the frame does
+        let points = strewn(&frame, there, rough);
+        let whole = surface(&points, frame.clone(), 20.0, 100_000);
+        assert!(whole.mask().valid_count() < frame.len() - 500, "the lake is masked");
+        for tile_cells in [16, 33, 64] {
+            let tiled = surface(&points, frame.clone(), 20.0, tile_cells);
+            assert_eq!(tiled.mask(), whole.mask());
+            assert_eq!(tiled.values(), whole.values(), "tiles of {tile_cells}");
+        }
+    }
+
+    #[test]
+    fn gaps_are_bridged_up_to_the_given_width() {
+        let frame = Frame::local(60, 80, 1.0);
+        let points = strewn(&frame, |e, _| !(35.0..45.0).contains(&e), |_, _| 5.0);
+        let middle = Cell { row: 30, col: 40 };
+        assert_eq!(surface(&points, frame.clone(), 9.0, TILE_CELLS).get(middle), None);
+        assert_eq!(surface(&points, frame, 16.0, TILE_CELLS).get(middle), Some(&5.0));
+    }
+
+    #[test]
+    fn outside_the_points_nothing_is_known() {
+        let frame = Frame::local(30, 30, 1.0);
+        let points = strewn(&frame, |e, s| e + s < 30.0, |_, _| 5.0);
+        let grid = surface(&points, frame.clone(), 100.0, TILE_CELLS);
+        assert_eq!(grid.get(Cell { row: 20, col: 20 }), None);
+        assert_eq!(grid.get(Cell { row: 10, col: 10 }), Some(&5.0));
+        assert_eq!(surface(&[], frame, 100.0, TILE_CELLS).mask().valid_count(), 0);
     }
 }
