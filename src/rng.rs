@@ -13,6 +13,8 @@
 pub enum Process {
     /// Gradients of the demo terrain's noise.
     TerrainNoise = 1,
+    /// Pulses and trees of a made-up point cloud.
+    SyntheticCloud = 90,
 }
 
 /// The key of a draw. Equal keys give equal draws, on every machine.

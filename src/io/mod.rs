@@ -6,9 +6,11 @@ pub mod elv;
 pub mod gdal;
 pub mod geokeys;
 pub mod geotiff;
+pub mod las;
 mod number_text;
 pub mod raster_file;
 pub mod window;
+pub mod wkt;
 
 pub use window::MapWindow;
 

@@ -10,6 +10,8 @@ pub mod mosaic;
 pub mod spikes;
 pub mod voids;
 
+pub mod point_cloud;
+
 use crate::raster::Grid;
 
 /// Bare-earth elevation and what the sun needs to know of its place.

@@ -1,0 +1,503 @@
+//! LAS, LAZ and COPC point clouds.
+//!
+//! Reading order: this file (the cloud), `header` (layout and records), `points` (records to columns), `write`.
+
+mod header;
+mod points;
+mod write;
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
+use std::path::Path;
+
+pub use write::write_laz;
+
+use super::{Error, Limits, ParseError, geokeys, wkt};
+use crate::raster::{Crs, LengthUnit};
+
+/// A rectangle in the cloud's own map coordinates; its edges belong to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the names say it; unit: the file's")]
+pub struct Window {
+    pub west: f64,
+    pub south: f64,
+    pub east: f64,
+    pub north: f64,
+}
+
+/// How stored integers become coordinates: `offset + scale · integer`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quantization {
+    /// Map units a step.
+    pub scale: f64,
+    /// Map coordinate of integer 0.
+    pub offset: f64,
+}
+
+impl Quantization {
+    /// The coordinate of a stored integer, in the cloud's unit.
+    #[inline]
+    pub fn coordinate(&self, step: i32) -> f64 {
+        self.offset + self.scale * f64::from(step)
+    }
+
+    fn times(self, factor: f64) -> Self {
+        Self { scale: self.scale * factor, offset: self.offset * factor }
+    }
+}
+
+/// Points a column each, in the order of the file.
+#[derive(Clone, Debug, Default)]
+struct Columns {
+    x: Vec<i32>,
+    y: Vec<i32>,
+    z: Vec<i32>,
+    class: Vec<u8>,
+    /// Withheld and noise points left out.
+    dropped: u64,
+}
+
+impl Columns {
+    fn append(&mut self, mut other: Self) {
+        self.x.append(&mut other.x);
+        self.y.append(&mut other.y);
+        self.z.append(&mut other.z);
+        self.class.append(&mut other.class);
+        self.dropped += other.dropped;
+    }
+}
+
+/// A classified point cloud, 13 bytes a point: coordinates stay the integers of the file.
+#[derive(Clone, Debug)]
+pub struct PointCloud {
+    columns: Columns,
+    /// x, y, z
+    axes: [Quantization; 3],
+    /// The CRS the file names, if any.
+    pub crs: Option<Crs>,
+    /// The vertical unit the file names, if any.
+    pub vertical_unit: Option<LengthUnit>,
+}
+
+/// Smallest and largest coordinates of a cloud, in its units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Smallest x, y, z.
+    pub min: [f64; 3],
+    /// Largest x, y, z.
+    pub max: [f64; 3],
+}
+
+impl PointCloud {
+    /// A cloud without points, to be filled by [`push`](Self::push).
+    pub fn new(
+        axes: [Quantization; 3],
+        crs: Option<Crs>,
+        vertical_unit: Option<LengthUnit>,
+    ) -> Self {
+        Self { columns: Columns::default(), axes, crs, vertical_unit }
+    }
+
+    /// Appends a point, rounded to the cloud's steps; coordinates beyond their reach are clamped to it.
+    pub fn push(&mut self, position: [f64; 3], class: u8) {
+        let step = |axis: usize| {
+            let q = self.axes[axis];
+            ((position[axis] - q.offset) / q.scale).round() as i32 // `as` saturates
+        };
+        let steps = [step(0), step(1), step(2)];
+        self.columns.x.push(steps[0]);
+        self.columns.y.push(steps[1]);
+        self.columns.z.push(steps[2]);
+        self.columns.class.push(class);
+    }
+
+    /// Appends another cloud's points; steps are rounded to this cloud's where they differ.
+    pub fn append(&mut self, other: Self) {
+        if self.axes == other.axes {
+            self.columns.append(other.columns);
+            return;
+        }
+        for index in 0..other.len() {
+            self.push(other.position(index), other.class(index));
+        }
+        self.columns.dropped += other.columns.dropped;
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.columns.x.len()
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.columns.x.is_empty()
+    }
+
+    /// x, y and z of a point, in the cloud's units.
+    #[inline]
+    pub fn position(&self, index: usize) -> [f64; 3] {
+        let c = &self.columns;
+        [
+            self.axes[0].coordinate(c.x[index]),
+            self.axes[1].coordinate(c.y[index]),
+            self.axes[2].coordinate(c.z[index]),
+        ]
+    }
+
+    /// ASPRS class of a point.
+    #[inline]
+    pub fn class(&self, index: usize) -> u8 {
+        self.columns.class[index]
+    }
+
+    /// ASPRS classes of all points.
+    pub fn classes(&self) -> &[u8] {
+        &self.columns.class
+    }
+
+    /// Number of points left out when reading: withheld, or of the noise classes 7 and 18.
+    pub fn dropped_points(&self) -> u64 {
+        self.columns.dropped
+    }
+
+    /// How the stored integers become x, y and z.
+    pub fn axes(&self) -> [Quantization; 3] {
+        self.axes
+    }
+
+    /// Smallest and largest coordinates, `None` without points.
+    pub fn bounds(&self) -> Option<Bounds> {
+        let c = &self.columns;
+        let mut bounds = Bounds { min: [0.0; 3], max: [0.0; 3] };
+        for (axis, steps) in [&c.x, &c.y, &c.z].into_iter().enumerate() {
+            bounds.min[axis] = self.axes[axis].coordinate(*steps.iter().min()?);
+            bounds.max[axis] = self.axes[axis].coordinate(*steps.iter().max()?);
+        }
+        Some(bounds)
+    }
+
+    /// The same cloud with coordinates in metres, given the units they are in.
+    /// Only the steps change: no point is touched or rounded.
+    pub fn to_metres(mut self, horizontal: LengthUnit, vertical: LengthUnit) -> Self {
+        let [x, y, z] = self.axes;
+        let factor = horizontal.metres();
+        self.axes = [x.times(factor), y.times(factor), z.times(vertical.metres())];
+        self.vertical_unit = Some(LengthUnit::Metre);
+        self
+    }
+}
+
+/// Reads a cloud from bytes: points of `window` (all, if none is given) that are neither withheld
+/// nor of the noise classes 7 and 18.
+///
+/// # Errors
+/// If the bytes are no LAS, LAZ or COPC, are damaged or cut short, hold more points than the limit,
+/// or no point that is wanted.
+pub fn parse<R: Read + Seek>(
+    mut reader: R,
+    length_bytes: u64,
+    window: Option<Window>,
+    limits: &Limits,
+) -> Result<PointCloud, ParseError> {
+    let (header, records) = header::parse(&mut reader, length_bytes)?;
+    let (crs, vertical_unit) = reference(&records)?;
+    let columns =
+        points::parse(&mut reader, length_bytes, &header, &records.laszip, window, limits)?;
+    let axes = std::array::from_fn(|axis| Quantization {
+        scale: header.scale[axis],
+        offset: header.offset[axis],
+    });
+    if columns.x.is_empty() {
+        return Err(match window {
+            Some(_) if header.points > 0 => ParseError::new(
+                format!("none of its {} points lies in the given rectangle", header.points),
+                "check --bbox (west,south,east,north in the cloud's own map coordinates)",
+            ),
+            _ => ParseError::new(
+                "it holds no points, or only withheld and noise points",
+                "give another cloud",
+            ),
+        });
+    }
+    Ok(PointCloud { columns, axes, crs, vertical_unit })
+}
+
+/// CRS and vertical unit: the WKT's, and from the GeoTIFF keys what it does not say.
+fn reference(records: &header::Records) -> Result<(Option<Crs>, Option<LengthUnit>), ParseError> {
+    let (mut crs, mut vertical_unit) = wkt::parse(&records.wkt);
+    if !records.geo_keys.is_empty() && (crs.is_none() || vertical_unit.is_none()) {
+        let keys = geokeys::parse(&records.geo_keys, &records.geo_doubles, &records.geo_ascii)?;
+        crs = crs.or(keys.crs);
+        vertical_unit = vertical_unit.or(keys.vertical_unit);
+    }
+    Ok((crs, vertical_unit))
+}
+
+/// Reads a LAS, LAZ or COPC file; see [`parse`].
+///
+/// # Errors
+/// If the file cannot be read, or as [`parse`].
+pub fn read(path: &Path, window: Option<Window>, limits: &Limits) -> Result<PointCloud, Error> {
+    let failed = |source| Error::Read { path: path.to_path_buf(), source };
+    let file = File::open(path).map_err(failed)?;
+    let length_bytes = file.metadata().map_err(failed)?.len();
+    parse(BufReader::new(file), length_bytes, window, limits).map_err(|e| e.at(path))
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::io::Cursor;
+
+    use las::point::{Classification, Format};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn cloud(points: usize) -> PointCloud {
+        let axis = |offset| Quantization { scale: 0.01, offset };
+        let axes = [axis(400_000.0), axis(5_000_000.0), axis(0.0)];
+        let mut cloud = PointCloud::new(axes, Some(Crs::Epsg(3794)), Some(LengthUnit::Metre));
+        for i in 0..points {
+            let t = i as f64;
+            let class = [1, 2, 5, 6][i % 4];
+            cloud.push([400_000.0 + t % 97.0, 5_000_000.0 + t / 97.0, 300.0 + t % 13.0], class);
+        }
+        cloud
+    }
+
+    fn parse_bytes(bytes: &[u8]) -> Result<PointCloud, ParseError> {
+        let length = bytes.len() as u64;
+        parse(Cursor::new(bytes), length, None, &Limits::default())
+    }
+
+    fn laz(cloud: &PointCloud) -> Vec<u8> {
+        write::write(cloud, Cursor::new(Vec::new())).unwrap().into_inner()
+    }
+
+    /// A file as `las` writes it point by point, in the given format.
+    fn written(format: u8, compressed: bool, points: &[las::Point]) -> Vec<u8> {
+        let mut format = Format::new(format).unwrap();
+        format.is_compressed = compressed;
+        let mut builder = las::Builder::from((1, 4));
+        builder.point_format = format;
+        let mut writer =
+            las::Writer::new(Cursor::new(Vec::new()), builder.into_header().unwrap()).unwrap();
+        for point in points {
+            writer.write_point(point.clone()).unwrap();
+        }
+        writer.into_inner().unwrap().into_inner()
+    }
+
+    fn point(format: u8, x: f64, class: Classification) -> las::Point {
+        las::Point {
+            x,
+            y: 2.0 * x,
+            z: 3.0 * x,
+            classification: class,
+            gps_time: (![0, 2].contains(&format)).then_some(x),
+            color: [2, 3, 7].contains(&format).then(las::Color::default),
+            return_number: 1,
+            number_of_returns: 1,
+            ..Default::default()
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let cloud = cloud(120_001); // three chunks
+        let back = parse_bytes(&laz(&cloud)).unwrap();
+        assert_eq!(back.axes(), cloud.axes());
+        assert_eq!((&back.columns.x, &back.columns.y), (&cloud.columns.x, &cloud.columns.y));
+        assert_eq!((&back.columns.z, back.classes()), (&cloud.columns.z, cloud.classes()));
+        assert_eq!(
+            (back.crs.clone(), back.vertical_unit),
+            (cloud.crs.clone(), cloud.vertical_unit)
+        );
+        assert_eq!(back.bounds(), cloud.bounds());
+    }
+
+    #[test]
+    fn a_written_file_is_whole_and_nothing_else_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("forest.laz");
+        write_laz(&cloud(1000), &path).unwrap();
+        assert_eq!(read(&path, None, &Limits::default()).unwrap().len(), 1000);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        let error = read(&folder.path().join("none.laz"), None, &Limits::default()).unwrap_err();
+        assert!(matches!(error, Error::Read { .. }));
+    }
+
+    #[test]
+    fn every_layout_gives_the_same_points() {
+        use Classification::{Ground, HighVegetation, LowPoint};
+        for format in [0, 1, 2, 3, 6, 7] {
+            for compressed in [false, true] {
+                let mut points: Vec<_> =
+                    (0..300).map(|i| point(format, f64::from(i), Ground)).collect();
+                points[7].is_withheld = true;
+                points[8].classification = LowPoint;
+                points[9].classification = HighVegetation;
+                points[10].is_synthetic = true;
+                points[10].is_key_point = true;
+                let read = parse_bytes(&written(format, compressed, &points)).unwrap();
+                assert_eq!(read.len(), 298, "format {format}, compressed {compressed}");
+                assert_eq!(read.dropped_points(), 2);
+                assert_eq!(read.class(7), 5, "the point after those dropped");
+                assert_eq!((read.class(8), read.position(8)[0]), (2, 10.0));
+                let [x, y, z] = read.position(250);
+                assert!((x - 252.0).abs() < 1e-9 && (y - 504.0).abs() < 1e-9, "{x} {y}");
+                assert!((z - 756.0).abs() < 1e-9, "{z}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_window_keeps_what_is_in_it_edges_included() {
+        let bytes = laz(&cloud(5000));
+        let read = |west, east| {
+            let window = Window { west, south: 5_000_000.0, east, north: 5_000_010.0 };
+            parse(Cursor::new(&bytes), bytes.len() as u64, Some(window), &Limits::default())
+        };
+        let part = read(400_010.0, 400_012.0).unwrap();
+        let bounds = part.bounds().unwrap();
+        assert_eq!((bounds.min[0], bounds.max[0]), (400_010.0, 400_012.0));
+        let problem = read(0.0, 10.0).unwrap_err();
+        assert!(problem.hint.contains("--bbox"), "{problem}");
+    }
+
+    #[test]
+    fn feet_become_metres_without_touching_a_point() {
+        let cloud = cloud(50);
+        let metric = cloud.clone().to_metres(LengthUnit::UsSurveyFoot, LengthUnit::Foot);
+        let (feet, metres) = (cloud.position(9), metric.position(9));
+        assert!((metres[0] - feet[0] * 1200.0 / 3937.0).abs() < 1e-8);
+        assert!((metres[2] - feet[2] * 0.3048).abs() < 1e-9);
+        assert_eq!(metric.columns.x, cloud.columns.x);
+    }
+
+    #[test]
+    fn clouds_are_joined_in_the_first_ones_steps() {
+        let mut first = cloud(10);
+        let axis = |offset| Quantization { scale: 0.001, offset };
+        let mut second =
+            PointCloud::new([axis(399_000.0), axis(5_000_000.0), axis(100.0)], None, None);
+        second.push([400_002.503, 5_000_001.0, 250.25], 9);
+        first.append(second);
+        let [x, y, z] = first.position(10);
+        assert!(
+            (x - 400_002.5).abs() < 1e-9
+                && (y - 5_000_001.0).abs() < 1e-9
+                && (z - 250.25).abs() < 1e-9
+        );
+        assert_eq!((first.len(), first.class(10)), (11, 9));
+    }
+
+    /// The file with some bytes of its header replaced.
+    fn altered(bytes: &[u8], at: usize, with: &[u8]) -> Result<PointCloud, ParseError> {
+        let mut bytes = bytes.to_vec();
+        bytes[at..at + with.len()].copy_from_slice(with);
+        parse_bytes(&bytes)
+    }
+
+    #[test]
+    fn impossible_headers_are_refused() {
+        for compressed in [false, true] {
+            let points: Vec<_> =
+                (0..100).map(|i| point(1, f64::from(i), Classification::Ground)).collect();
+            let bytes = written(1, compressed, &points);
+            assert!(parse_bytes(&bytes).is_ok());
+            for (at, with) in [
+                (0, b"LASx".to_vec()),
+                (25, vec![9]),
+                (94, 9_u16.to_le_bytes().to_vec()),
+                (96, u32::MAX.to_le_bytes().to_vec()),
+                (100, u32::MAX.to_le_bytes().to_vec()),
+                (104, vec![0x3f]),
+                (105, 3_u16.to_le_bytes().to_vec()),
+                (107, u32::MAX.to_le_bytes().to_vec()),
+                (131, 0_f64.to_le_bytes().to_vec()),
+                (139, (-0.01_f64).to_le_bytes().to_vec()),
+                (147, f64::NAN.to_le_bytes().to_vec()),
+                (155, f64::INFINITY.to_le_bytes().to_vec()),
+            ] {
+                let read = altered(&bytes, at, &with);
+                assert!(
+                    read.is_err(),
+                    "byte {at}, compressed {compressed}: {:?}",
+                    read.map(|c| c.len())
+                );
+            }
+        }
+        let few = Limits { max_points: 99, ..Limits::default() };
+        let bytes = laz(&cloud(100));
+        assert!(parse(Cursor::new(&bytes), bytes.len() as u64, None, &few).is_err());
+    }
+
+    /// Which point format of the damaged files, and whether compressed.
+    fn sample(kind: usize) -> &'static [u8] {
+        static SAMPLES: std::sync::LazyLock<[Vec<u8>; 4]> = std::sync::LazyLock::new(|| {
+            let points = |format| -> Vec<las::Point> {
+                (0..400).map(|i| point(format, f64::from(i % 37), Classification::Ground)).collect()
+            };
+            [
+                written(1, false, &points(1)),
+                written(3, true, &points(3)),
+                written(7, true, &points(7)),
+                laz(&cloud(900)),
+            ]
+        });
+        &SAMPLES[kind]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::default())]
+
+        #[test]
+        fn a_file_cut_short_is_an_error(kind in 0..4_usize, share in 0.0..1.0_f64) {
+            let whole = sample(kind);
+            let cut = (whole.len() as f64 * share) as usize;
+            prop_assert!(parse_bytes(&whole[..cut]).is_err());
+        }
+
+        #[test]
+        fn damage_anywhere_is_survived(
+            kind in 0..4_usize,
+            flips in prop::collection::vec((0.0..1.0_f64, any::<u8>()), 1..6),
+            header_only: bool,
+        ) {
+            let mut bytes = sample(kind).to_vec();
+            let reach = if header_only { bytes.len().min(600) } else { bytes.len() } as f64;
+            for (share, value) in flips {
+                bytes[(reach * share) as usize] = value;
+            }
+            let _ = parse_bytes(&bytes);
+        }
+    }
+
+    #[test]
+    fn real_clouds_are_read() {
+        let Some(folder) = data() else { return };
+        for (name, points, epsg) in [
+            ("bcts_1.laz", 531_662, 3005),
+            ("osbs.laz", 217_216, 32617),
+            ("quebec_topography.laz", 73_403, 2949),
+        ] {
+            let cloud = read(&folder.join(name), None, &Limits::default()).unwrap();
+            assert_eq!((cloud.len(), cloud.crs), (points, Some(Crs::Epsg(epsg))), "{name}");
+        }
+    }
+
+    /// The folder of real clouds, where there is one.
+    pub(crate) fn data() -> Option<std::path::PathBuf> {
+        let root = std::env::var_os("WILDWOOD_DATA").map_or_else(
+            || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+            Into::into,
+        );
+        let folder = root.join("clouds");
+        if !folder.is_dir() {
+            eprintln!("skipped: ../shared/data is missing");
+            return None;
+        }
+        Some(folder)
+    }
+}
