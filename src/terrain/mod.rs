@@ -1,5 +1,7 @@
 //! Terrain: elevation on a metric grid, with its place on Earth.
 
+pub mod generate;
+
 use crate::raster::Grid;
 
 /// Bare-earth elevation and what the sun needs to know of its place.
