@@ -12,6 +12,8 @@ pub mod voids;
 
 pub mod point_cloud;
 
+pub mod generate;
+
 use crate::raster::Grid;
 
 /// Bare-earth elevation and what the sun needs to know of its place.
