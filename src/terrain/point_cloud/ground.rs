@@ -285,7 +285,7 @@ mod tests {
         (cloud(&points), Frame::local(60, 60, 1.0))
     }
 
-    /// How many points are left out, and the lowest and highest kept, after [`slope`].
+    /// How many points of such a slope are left out.
     fn left_out(height: impl Fn(f64, f64, f64) -> f64) -> usize {
         let (cloud, frame) = slope(height);
         let reporter = Reporter::silent();

@@ -275,7 +275,7 @@ mod tests {
         let there = |e: f64, s: f64| {
             let lake = (e - 70.0).hypot(s - 60.0) < 17.0;
             let thin = e > 100.0 && (e * 7.3 + s * 3.1).rem_euclid(1.0) > 0.15;
-            !lake && !thin && !(s > 100.0 && s < 107.0)
+            !(lake || thin || (100.0..107.0).contains(&s))
         };
         let mut frame = Frame::local(150, 170, 1.0);
         frame.transform.west_m = 400_013.0; // tiles do not begin where the frame does
