@@ -273,32 +273,34 @@ fn sweep_line(raster: &Raster, shear: &Shear, k: usize, out: &mut [f32], hull: &
         let same = |shift: &i32| (k as i64 + i64::from(*shift)).div_euclid(lines) == wraps;
         let end = start + shear.own_shift[start..].partition_point(same);
         let first_line = k as i64 - wraps * lines;
+        // heights first, in a loop that the hull's unforeseeable branches do not hold up
+        for (height_m, step) in out[start..end].iter_mut().zip(start..) {
+            *height_m = raster.profile_m(shear, first_line, step);
+        }
         if shear.forward {
-            sweep_piece(raster, shear, first_line, (start..end).rev(), out, hull);
+            sweep_piece((start..end).rev(), shear.step_m, out, hull);
         } else {
-            sweep_piece(raster, shear, first_line, start..end, out, hull);
+            sweep_piece(start..end, shear.step_m, out, hull);
         }
         start = end;
     }
 }
 
-/// Horizon along a piece of line that stays within the grid, its steps given from the far end on.
+/// Turns the heights of a piece of line into its horizon, steps given from the far end on; NaN stays NaN.
 #[inline]
 fn sweep_piece(
-    raster: &Raster,
-    shear: &Shear,
-    first_line: i64,
     steps: impl Iterator<Item = usize>,
-    out: &mut [f32],
+    step_m: f64,
+    line: &mut [f32],
     hull: &mut [HullPoint],
 ) {
-    let steps_per_m = (1.0 / shear.step_m) as f32; // cells are 0.1–100 m
+    let steps_per_m = (1.0 / step_m) as f32; // cells are 0.1–100 m
     let mut hull_len = 0;
     for step in steps {
-        let Some(height_m) = raster.profile_m(shear, first_line, step) else {
-            out[step] = f32::NAN;
+        let height_m = line[step];
+        if height_m.is_nan() {
             continue;
-        };
+        }
         let place = step as f32;
         let mut rise_m = f32::NEG_INFINITY;
         while hull_len > 0 {
@@ -309,28 +311,28 @@ fn sweep_piece(
             }
             hull_len -= 1;
         }
-        out[step] = if rise_m.is_finite() { rise_m * steps_per_m } else { 0.0 };
+        line[step] = if rise_m.is_finite() { rise_m * steps_per_m } else { 0.0 };
         hull[hull_len] = HullPoint { step: place, height_m, rise_m };
         hull_len += 1;
     }
 }
 
 impl Raster {
-    /// Height where a line passes at a step; `None` if the cell it owns there is unknown.
+    /// Height where a line passes at a step; NaN if the cell it owns there is unknown.
     #[inline]
-    fn profile_m(&self, shear: &Shear, first_line: i64, step: usize) -> Option<f32> {
+    fn profile_m(&self, shear: &Shear, first_line: i64, step: usize) -> f32 {
         let fraction = shear.fraction[step];
         let own_line = (first_line + i64::from(shear.own_shift[step])) as usize; // within the grid
         let first = (own_line + 1 - usize::from(Shear::owns_second(fraction))) * self.stride + step;
         let (a, b) = (self.height_m[first], self.height_m[first + self.stride]);
         let height_m = a + fraction * (b - a);
-        if height_m.is_nan() { self.rim_profile_m(first, fraction) } else { Some(height_m) }
+        if height_m.is_nan() { self.rim_profile_m(first, fraction) } else { height_m }
     }
 
     /// The same beside the unknown: the owned cell's height, continued at the gradient from the cell behind it;
     /// `first` is the first of the two cells passed.
     #[cold]
-    fn rim_profile_m(&self, first: usize, fraction: f32) -> Option<f32> {
+    fn rim_profile_m(&self, first: usize, fraction: f32) -> f32 {
         let (own, behind, away) = if Shear::owns_second(fraction) {
             (first + self.stride, first + 2 * self.stride, 1.0 - fraction)
         } else {
@@ -338,10 +340,10 @@ impl Raster {
         };
         let own_m = self.height_m[own];
         if own_m.is_nan() {
-            return None;
+            return f32::NAN;
         }
         let behind_m = self.height_m[behind];
-        Some(if behind_m.is_nan() { own_m } else { own_m + away * (own_m - behind_m) })
+        if behind_m.is_nan() { own_m } else { own_m + away * (own_m - behind_m) }
     }
 }
 
