@@ -1,12 +1,18 @@
 //! Wildwood grows whole forests, living and dead, on real terrain.
+//!
+//! Each stage is a function of its arguments; [`pipeline`] runs them in order, [`cli`] is the command.
 #![warn(missing_docs)]
 #![forbid(unsafe_code)]
 
 pub mod abiotics;
+pub mod cli;
+pub mod export;
 pub mod io;
 pub mod math;
+pub mod pipeline;
 pub mod progress;
 pub mod raster;
 pub mod rng;
+pub mod scene;
 pub mod species;
 pub mod terrain;

@@ -4,7 +4,8 @@
 //! ESRI, ArcGIS documentation, "Esri ASCII raster format"; `dx` and `dy` as GDAL writes them.
 
 use super::number_text::{self, Words};
-use super::window::{self, MapWindow};
+use super::window;
+use crate::raster::MapWindow;
 use super::{Limits, ParseError};
 use crate::raster::{Affine, SourceRaster};
 

@@ -9,7 +9,8 @@
 //! either, only its latitude.
 
 use super::number_text::{self, Words};
-use super::window::{self, MapWindow};
+use super::window;
+use crate::raster::MapWindow;
 use super::{Limits, ParseError};
 use crate::raster::{Affine, Crs, SourceRaster};
 

@@ -7,7 +7,8 @@ use gdal::errors::GdalError;
 use gdal::spatial_ref::SpatialRef;
 
 use super::geotiff::read::unit_by_name;
-use super::window::{self, MapWindow};
+use super::window;
+use crate::raster::MapWindow;
 use super::{Error, Limits, ParseError};
 use crate::raster::{Affine, Crs, SourceRaster};
 

@@ -13,17 +13,7 @@ use std::path::Path;
 pub use write::write_laz;
 
 use super::{Error, Limits, ParseError, geokeys, wkt};
-use crate::raster::{Crs, LengthUnit};
-
-/// A rectangle in the cloud's own map coordinates; its edges belong to it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs, reason = "the names say it; unit: the file's")]
-pub struct Window {
-    pub west: f64,
-    pub south: f64,
-    pub east: f64,
-    pub north: f64,
-}
+use crate::raster::{Crs, LengthUnit, MapWindow};
 
 /// How stored integers become coordinates: `offset + scale · integer`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -196,7 +186,7 @@ impl PointCloud {
 pub fn parse<R: Read + Seek>(
     mut reader: R,
     length_bytes: u64,
-    window: Option<Window>,
+    window: Option<MapWindow>,
     limits: &Limits,
 ) -> Result<PointCloud, ParseError> {
     let (header, records) = header::parse(&mut reader, length_bytes)?;
@@ -233,11 +223,24 @@ fn reference(records: &header::Records) -> Result<(Option<Crs>, Option<LengthUni
     Ok((crs, vertical_unit))
 }
 
+/// The CRS a cloud's header names, `None` where it is silent; no point is read.
+///
+/// # Errors
+/// If the file cannot be read or its header is damaged.
+pub fn header_crs(path: &Path) -> Result<Option<Crs>, Error> {
+    let failed = |source| Error::Read { path: path.to_path_buf(), source };
+    let file = File::open(path).map_err(failed)?;
+    let length_bytes = file.metadata().map_err(failed)?.len();
+    let (_, records) =
+        header::parse(&mut BufReader::new(file), length_bytes).map_err(|e| e.at(path))?;
+    Ok(reference(&records).map_err(|e| e.at(path))?.0)
+}
+
 /// Reads a LAS, LAZ or COPC file; see [`parse`].
 ///
 /// # Errors
 /// If the file cannot be read, or as [`parse`].
-pub fn read(path: &Path, window: Option<Window>, limits: &Limits) -> Result<PointCloud, Error> {
+pub fn read(path: &Path, window: Option<MapWindow>, limits: &Limits) -> Result<PointCloud, Error> {
     let failed = |source| Error::Read { path: path.to_path_buf(), source };
     let file = File::open(path).map_err(failed)?;
     let length_bytes = file.metadata().map_err(failed)?.len();
@@ -355,7 +358,7 @@ pub(crate) mod tests {
     fn a_window_keeps_what_is_in_it_edges_included() {
         let bytes = laz(&cloud(5000));
         let read = |west, east| {
-            let window = Window { west, south: 5_000_000.0, east, north: 5_000_010.0 };
+            let window = MapWindow { west, south: 5_000_000.0, east, north: 5_000_010.0 };
             parse(Cursor::new(&bytes), bytes.len() as u64, Some(window), &Limits::default())
         };
         let part = read(400_010.0, 400_012.0).unwrap();

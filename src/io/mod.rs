@@ -9,10 +9,8 @@ pub mod geotiff;
 pub mod las;
 mod number_text;
 pub mod raster_file;
-pub mod window;
+mod window;
 pub mod wkt;
-
-pub use window::MapWindow;
 
 use std::path::{Path, PathBuf};
 

@@ -5,9 +5,8 @@ use std::io::Read;
 use std::path::Path;
 
 use super::geotiff::SharedFile;
-use super::window::MapWindow;
-use super::{Error, Limits, ParseError, ascii_grid, elv, geotiff};
-use crate::raster::{Crs, SourceRaster};
+use super::{Error, Limits, ParseError, ascii_grid, elv, geotiff, wkt};
+use crate::raster::{Crs, MapWindow, SourceRaster};
 
 /// Bytes of a text raster per cell at most: more is no text that a program wrote.
 const MAX_TEXT_BYTES_PER_CELL: u64 = 32;
@@ -101,10 +100,27 @@ fn other(path: &Path, _: Option<&MapWindow>, _: &Limits) -> Result<SourceRaster,
     .at(path))
 }
 
+/// The CRS a GeoTIFF's header names (`Crs::Local` where it is silent), `None` for other formats.
+/// Lets a caller who knows a window only in another CRS decide before cells are read.
+///
+/// # Errors
+/// If the file cannot be read or its header is damaged.
+pub fn geotiff_crs(path: &Path) -> Result<Option<Crs>, Error> {
+    let failed = |source| Error::Read { path: path.to_path_buf(), source };
+    let mut start = Vec::new();
+    File::open(path).map_err(failed)?.take(512).read_to_end(&mut start).map_err(failed)?;
+    if start.is_empty() || !matches!(format(&start, path), Format::GeoTiff) {
+        return Ok(None);
+    }
+    let source = SharedFile::open(path).map_err(failed)?;
+    let crs = geotiff::read::crs(&source).map_err(|e| e.at(path))?;
+    Ok(Some(crs.unwrap_or(Crs::Local)))
+}
+
 /// The CRS in the `.prj` file beside an ASCII grid, where there is one that is understood.
 fn prj_beside(path: &Path) -> Option<Crs> {
     let text = std::fs::read_to_string(path.with_extension("prj")).ok()?;
-    proj4wkt::wkt_to_projstring(text.trim()).ok().map(Crs::Proj)
+    wkt::parse(&text).0
 }
 
 #[cfg(test)]

@@ -3,20 +3,7 @@
 use std::ops::Range;
 
 use super::{Limits, ParseError};
-use crate::raster::{Affine, SourceRaster};
-
-/// A map rectangle in a file's own CRS and unit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MapWindow {
-    /// Least x.
-    pub west: f64,
-    /// Least y.
-    pub south: f64,
-    /// Greatest x.
-    pub east: f64,
-    /// Greatest y.
-    pub north: f64,
-}
+use crate::raster::{Affine, MapWindow, SourceRaster};
 
 /// Rows and columns of a raster.
 #[derive(Clone, Debug, PartialEq, Eq)]

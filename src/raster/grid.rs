@@ -48,6 +48,11 @@ impl<T> Grid<T> {
         &self.values
     }
 
+    /// The values alone.
+    pub fn into_values(self) -> Vec<T> {
+        self.values
+    }
+
     /// All values, to be changed in place.
     pub fn values_mut(&mut self) -> &mut [T] {
         &mut self.values

@@ -11,10 +11,12 @@ pub mod projection;
 pub mod resample;
 pub mod source;
 pub mod warp;
+pub mod window;
 
 pub use crs::{Crs, CrsError, utm_zone_for};
 pub use frame::{Cell, Frame, GeoTransform, MapPoint};
 pub use grid::{Grid, MONTHS, MonthlyGrid};
 pub use mask::Mask;
 pub use projection::{Projection, Projector};
+pub use window::MapWindow;
 pub use source::{Affine, LengthUnit, SourceRaster};

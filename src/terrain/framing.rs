@@ -4,60 +4,8 @@ use super::import::ImportError;
 use crate::raster::resample::CellPosition;
 use crate::raster::warp::{Target, map_coordinates, signed_cell_area};
 use crate::raster::{
-    Affine, Crs, CrsError, Frame, GeoTransform, Projection, Projector, SourceRaster, utm_zone_for,
+    Affine, Crs, CrsError, Frame, GeoTransform, MapWindow, Projection, Projector, SourceRaster, utm_zone_for,
 };
-
-/// A window in map coordinates of the scene's CRS, metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MapWindow {
-    /// Western edge.
-    pub west_m: f64,
-    /// Southern edge.
-    pub south_m: f64,
-    /// Eastern edge.
-    pub east_m: f64,
-    /// Northern edge.
-    pub north_m: f64,
-}
-
-impl MapWindow {
-    /// What two windows share, `None` if nothing.
-    pub fn intersection(&self, other: &Self) -> Option<Self> {
-        let shared = Self {
-            west_m: self.west_m.max(other.west_m),
-            south_m: self.south_m.max(other.south_m),
-            east_m: self.east_m.min(other.east_m),
-            north_m: self.north_m.min(other.north_m),
-        };
-        (shared.west_m < shared.east_m && shared.south_m < shared.north_m).then_some(shared)
-    }
-
-    /// The smallest window around two.
-    pub fn union(&self, other: &Self) -> Self {
-        Self {
-            west_m: self.west_m.min(other.west_m),
-            south_m: self.south_m.min(other.south_m),
-            east_m: self.east_m.max(other.east_m),
-            north_m: self.north_m.max(other.north_m),
-        }
-    }
-
-    /// Width by height, m².
-    pub fn area_m2(&self) -> f64 {
-        (self.east_m - self.west_m) * (self.north_m - self.south_m)
-    }
-
-    /// The window's middle, `[east, north]` in metres.
-    pub fn middle(&self) -> [f64; 2] {
-        [(self.west_m + self.east_m) / 2.0, (self.south_m + self.north_m) / 2.0]
-    }
-}
-
-impl std::fmt::Display for MapWindow {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{:.1},{:.1},{:.1},{:.1}", self.west_m, self.south_m, self.east_m, self.north_m)
-    }
-}
 
 /// Size and place of a raster as its file has them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -175,7 +123,7 @@ impl Placement {
         for (row, col) in around {
             let [x, y] =
                 self.to_scene(map_coordinates(&lattice.affine, CellPosition { row, col }))?;
-            let point = MapWindow { west_m: x, south_m: y, east_m: x, north_m: y };
+            let point = MapWindow { west: x, south: y, east: x, north: y };
             window = Some(window.map_or(point, |w| w.union(&point)));
         }
         window
@@ -267,8 +215,8 @@ impl CellLattice {
             let first = ((low - corner) / self.cell_m).round();
             (first, ((high - corner) / self.cell_m).round() - first)
         };
-        let (first_col, cols) = lines(window.west_m, window.east_m, self.corner[0]);
-        let (first_row, rows) = lines(-window.north_m, -window.south_m, -self.corner[1]);
+        let (first_col, cols) = lines(window.west, window.east, self.corner[0]);
+        let (first_row, rows) = lines(-window.north, -window.south, -self.corner[1]);
         if !(rows >= 1.0 && cols >= 1.0 && rows * cols <= max_cells as f64) {
             return Err((rows, cols));
         }
@@ -407,7 +355,7 @@ mod tests {
 
     #[test]
     fn windows_meet_or_do_not() {
-        let window = |west_m, east_m| MapWindow { west_m, south_m: 0.0, east_m, north_m: 1.0 };
+        let window = |west, east| MapWindow { west, south: 0.0, east, north: 1.0 };
         assert_eq!(window(0.0, 2.0).intersection(&window(1.0, 3.0)), Some(window(1.0, 2.0)));
         assert_eq!(window(0.0, 1.0).intersection(&window(1.0, 3.0)), None);
         assert_eq!(window(0.0, 1.0).union(&window(2.0, 3.0)), window(0.0, 3.0));

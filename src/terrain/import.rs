@@ -7,13 +7,13 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::framing::{CellLattice, Lattice, MapWindow, Placement, lattice_of, target_of};
+use super::framing::{CellLattice, Lattice, Placement, lattice_of, target_of};
 use super::mosaic::{self, NamedRaster};
 use super::{Terrain, heights, spikes, voids};
 use crate::progress::{Cancelled, Reporter, Warning};
 use crate::raster::resample::{Kernel, Samples};
 use crate::raster::warp::{self, Source, Warped};
-use crate::raster::{Crs, CrsError, Frame, Grid, LengthUnit, Mask, Projection, SourceRaster};
+use crate::raster::{Crs, CrsError, Frame, Grid, LengthUnit, MapWindow, Mask, Projection, SourceRaster};
 
 /// How heights are drawn where the scene's cells are not the file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -135,6 +135,15 @@ pub enum ImportError {
         "nothing tells the latitude, which the sun's path needs; give --latitude DEGREES or --crs EPSG:n"
     )]
     NoLatitude,
+    /// A point cloud gives no surfaces.
+    #[error("{path}: {source}", path = path.display())]
+    Cloud { path: PathBuf, source: point_cloud::Error },
+    /// A point cloud in degrees.
+    #[error(
+        "{path}: the cloud's coordinates are degrees; reproject it to a metric CRS first (pdal translate in.laz out.laz reprojection --filters.reprojection.out_srs=EPSG:n)",
+        path = path.display()
+    )]
+    CloudInDegrees { path: PathBuf },
     /// The run was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
@@ -144,9 +153,6 @@ pub enum ImportError {
 const PLAUSIBLE_CELL_M: std::ops::RangeInclusive<f64> = 0.05..=1000.0;
 /// Rows and columns, and the root of valid cells, that terrain has at least: slope needs neighbours.
 const LEAST_SIDE: usize = 4;
-/// Cells that grow by more than this factor are averaged; chosen: below it the 4 × 4 cells of the
-/// cubic cover the target cell, and averaging would blur.
-const AVERAGE_FROM_FACTOR: f64 = 1.5;
 /// Tiles lie too far apart where one grid over them has so many times their area; chosen: a hundred
 /// tiles along a diagonal, as of a river, still pass.
 const EMPTINESS_FACTOR: f64 = 100.0;
@@ -190,7 +196,7 @@ pub fn run(
     }
 
     // Onto the grid
-    let mut warped = on_frame(tiles, &placement, &frame, params, reporter)?;
+    let mut warped = onto_frame::on_frame(tiles, &placement, &frame, params, reporter)?;
     let counts = voids::fill_holes(
         frame.cols,
         frame.transform.cell_m,
@@ -244,8 +250,8 @@ fn check_params(params: &ImportParams) -> Result<(), ImportError> {
     }
     if let Some(bbox) = params.bbox {
         let finite =
-            [bbox.west_m, bbox.south_m, bbox.east_m, bbox.north_m].iter().all(|v| v.is_finite());
-        if !(finite && bbox.west_m < bbox.east_m && bbox.south_m < bbox.north_m) {
+            [bbox.west, bbox.south, bbox.east, bbox.north].iter().all(|v| v.is_finite());
+        if !(finite && bbox.west < bbox.east && bbox.south < bbox.north) {
             return wrong(
                 "window",
                 bbox.to_string(),
@@ -355,9 +361,9 @@ fn scene_frame(
 
 /// Refuses tiles with next to nothing but emptiness between them.
 fn check_distances(tiles: &[NamedRaster], extents: &[MapWindow]) -> Result<(), ImportError> {
-    let tiles_m2: f64 = extents.iter().map(MapWindow::area_m2).sum();
+    let tiles_m2: f64 = extents.iter().map(MapWindow::area).sum();
     let whole = extents.iter().copied().reduce(|a, b| a.union(&b));
-    if whole.is_none_or(|whole| whole.area_m2() <= EMPTINESS_FACTOR * tiles_m2) {
+    if whole.is_none_or(|whole| whole.area() <= EMPTINESS_FACTOR * tiles_m2) {
         return Ok(());
     }
     let distance_m = |tile: usize| {
@@ -372,70 +378,6 @@ fn check_distances(tiles: &[NamedRaster], extents: &[MapWindow]) -> Result<(), I
             distance_km: distance_m(other) / 1000.0,
         })
     })
-}
-
-/// All tiles on the scene's frame, the first named on top.
-fn on_frame(
-    tiles: Vec<NamedRaster>,
-    placement: &Placement,
-    frame: &Frame,
-    params: &ImportParams,
-    reporter: &Reporter,
-) -> Result<Warped, ImportError> {
-    let (mut scene, mut spikes, mut disagreements) = (None::<Warped>, 0, 0);
-    for group in mosaic::groups_on_one_lattice(tiles) {
-        let [rows, cols] = mosaic::union_size(&group);
-        if rows * cols > params.max_cells as f64 {
-            return Err(ImportError::TooManyCells { rows, cols, max_cells: params.max_cells });
-        }
-        let (mut raster, disagreeing) = mosaic::join(group);
-        disagreements += disagreeing;
-        if params.remove_spikes {
-            let cell_m =
-                placement.cell_side_m(&Lattice::of(&raster)).unwrap_or(frame.transform.cell_m);
-            spikes +=
-                spikes::replace_spikes(raster.cols, cell_m, &mut raster.values, &raster.valid);
-        }
-        let frame_lattice = lattice_of(frame);
-        let offset = match placement.to_source {
-            None => frame_lattice.offset_of(&Lattice::of(&raster)),
-            Some(_) => None,
-        };
-        let layer = match offset {
-            Some(offset) => mosaic::cut(raster, offset, &frame_lattice),
-            None => resampled(&raster, placement, frame, params.resampling, reporter)?,
-        };
-        match &mut scene {
-            Some(above) => disagreements += mosaic::lay_under(above, &layer),
-            None => scene = Some(layer),
-        }
-    }
-    if spikes > 0 {
-        reporter.warn(Warning::SpikesRemoved { cells: spikes });
-    }
-    if disagreements > 0 {
-        reporter.warn(Warning::TilesDisagree { cells: disagreements });
-    }
-    scene.ok_or(ImportError::NoTiles)
-}
-
-fn resampled(
-    raster: &SourceRaster,
-    placement: &Placement,
-    frame: &Frame,
-    resampling: Resampling,
-    reporter: &Reporter,
-) -> Result<Warped, Cancelled> {
-    let (target, to_source) = (target_of(frame), placement.to_source.as_ref());
-    let factor = warp::source_cells_per_target_cell(&raster.affine, &target, to_source);
-    let kernel = match resampling {
-        Resampling::Bilinear => Kernel::Bilinear,
-        Resampling::Auto if factor.is_some_and(|f| f > AVERAGE_FROM_FACTOR) => Kernel::Average,
-        Resampling::Auto | Resampling::Bicubic => Kernel::Bicubic,
-    };
-    let samples = Samples::new(raster.rows, raster.cols, &raster.values, &raster.valid);
-    let source = Source { samples, affine: raster.affine };
-    warp::warp(&source, &target, to_source, kernel, reporter)
 }
 
 #[cfg(test)]
@@ -614,10 +556,10 @@ mod tests {
     #[test]
     fn windows_and_cells_are_obeyed() {
         let bbox = MapWindow {
-            west_m: 500_004.0,
-            south_m: 5_099_984.0,
-            east_m: 500_012.0,
-            north_m: 5_099_996.0,
+            west: 500_004.0,
+            south: 5_099_984.0,
+            east: 500_012.0,
+            north: 5_099_996.0,
         };
         let params = ImportParams { bbox: Some(bbox), ..Default::default() };
         let tile = utm("a.tif");
@@ -633,7 +575,7 @@ mod tests {
         let mean = (0..16).map(block).sum::<f64>() / 16.0;
         assert!((f64::from(terrain.elevation_m.values()[0]) - mean).abs() < 1e-4);
 
-        let far = MapWindow { west_m: 0.0, south_m: 0.0, east_m: 10.0, north_m: 10.0 };
+        let far = MapWindow { west: 0.0, south: 0.0, east: 10.0, north: 10.0 };
         let message = refused(vec![tile], &ImportParams { bbox: Some(far), ..Default::default() });
         assert!(message.contains("500000.0,5099976.0,500024.0,5100000.0"), "{message}");
     }

@@ -1,18 +1,19 @@
 //! Terrain: elevation on a metric grid, with its place on Earth.
 //!
 //! Reading order: [`import`] (from rasters to terrain), [`heights`] (units), [`framing`] (CRS and grid),
-//! [`mosaic`] (tiles), [`spikes`], [`voids`].
+//! [`mosaic`] (tiles), [`onto_frame`] (resampling), [`spikes`], [`voids`]; [`cloud_import`] with [`point_cloud`] (from
+//! points); [`generate`] (from nothing).
 
+pub mod cloud_import;
 pub mod framing;
+pub mod generate;
 pub mod heights;
 pub mod import;
 pub mod mosaic;
+pub mod onto_frame;
+pub mod point_cloud;
 pub mod spikes;
 pub mod voids;
-
-pub mod point_cloud;
-
-pub mod generate;
 
 use crate::raster::Grid;
 

@@ -9,9 +9,9 @@ use super::chunks::Chunks;
 use super::codec::{Compression, Predictor, SampleType, Scaling};
 use super::directory::Directory;
 use super::source::ByteSource;
-use crate::io::window::{self, MapWindow};
-use crate::io::{Limits, ParseError, geokeys};
-use crate::raster::{Affine, LengthUnit, SourceRaster};
+use crate::io::geokeys::{self, GeoReference};
+use crate::io::{Limits, ParseError, window};
+use crate::raster::{Affine, Crs, LengthUnit, MapWindow, SourceRaster};
 
 /// Tag numbers.
 pub(super) mod tag {
@@ -41,6 +41,29 @@ pub(super) mod tag {
     pub const GDAL_NODATA: u16 = 42113;
 }
 
+/// The CRS the header names, `None` where it is silent; no cell is read.
+///
+/// # Errors
+/// If the header is damaged, or describes a CRS in a way that is not understood.
+pub fn crs<S: ByteSource + ?Sized>(source: &S) -> Result<Option<Crs>, ParseError> {
+    Ok(reference(&Directory::read(source)?)?.crs)
+}
+
+fn reference<S: ByteSource + ?Sized>(
+    directory: &Directory<'_, S>,
+) -> Result<GeoReference, ParseError> {
+    let keys: Vec<u16> = directory
+        .integers(tag::GEO_KEY_DIRECTORY)?
+        .into_iter()
+        .map(|word| word as u16) // the tag holds 16-bit words
+        .collect();
+    geokeys::parse(
+        &keys,
+        &directory.doubles(tag::GEO_DOUBLE_PARAMS)?,
+        &directory.text(tag::GEO_ASCII_PARAMS)?,
+    )
+}
+
 /// The first band of a GeoTIFF's full-resolution image, or the part of it that `window` (in the file's CRS)
 /// touches; only strips and tiles of that part are decoded.
 ///
@@ -57,16 +80,7 @@ pub fn parse<S: ByteSource + ?Sized>(
     let (rows, cols) = (chunks.rows, chunks.cols);
 
     // Place
-    let keys: Vec<u16> = directory
-        .integers(tag::GEO_KEY_DIRECTORY)?
-        .into_iter()
-        .map(|word| word as u16) // the tag holds 16-bit words
-        .collect();
-    let reference = geokeys::parse(
-        &keys,
-        &directory.doubles(tag::GEO_DOUBLE_PARAMS)?,
-        &directory.text(tag::GEO_ASCII_PARAMS)?,
-    )?;
+    let reference = reference(&directory)?;
     let affine = affine(&directory, reference.pixel_is_point)?;
     window::check_affine(&affine, rows, cols)?;
     let range = window::cells(window, &affine, rows, cols, limits)?;

@@ -14,7 +14,8 @@ use laz::{DecompressionSelection, LazItem, LazItemType, LazVlr};
 use rayon::prelude::*;
 
 use super::header::{Header, damaged, reading, truncated};
-use super::{Columns, Window};
+use super::Columns;
+use crate::raster::MapWindow;
 use crate::io::{Limits, ParseError};
 
 /// Most points a byte of LAZ may claim. chosen: real files need 15 bits a point and more;
@@ -39,7 +40,7 @@ struct Filter {
 }
 
 impl Filter {
-    fn new(header: &Header, window: Option<Window>) -> Self {
+    fn new(header: &Header, window: Option<MapWindow>) -> Self {
         let everything = (i32::MIN, i32::MAX);
         let steps = |axis: usize, low: f64, high: f64| {
             let step = |v: f64| (v - header.offset[axis]) / header.scale[axis];
@@ -91,7 +92,7 @@ pub(super) fn parse<R: Read + Seek>(
     length_bytes: u64,
     header: &Header,
     laszip: &[u8],
-    window: Option<Window>,
+    window: Option<MapWindow>,
     limits: &Limits,
 ) -> Result<Columns, ParseError> {
     if window.is_none() && header.points > limits.max_points as u64 {
