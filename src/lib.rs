@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod abiotics;
+pub mod export;
 pub mod io;
 pub mod math;
 pub mod progress;
