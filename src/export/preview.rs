@@ -174,7 +174,7 @@ fn lit(color: [f32; 3], light: f32, strength: f32) -> [f32; 3] {
             let depth = -light * strength;
             color[channel] * (1.0 + depth * (SHADE[channel] - 1.0))
         } else {
-            mix_light(color[channel], 255.0 * LIT[channel], 0.55 * light * strength)
+            mix_light(color[channel], 255.0 * LIT[channel], 0.38 * light * strength)
         }
     })
 }

@@ -14,7 +14,7 @@ const WIDE_PX: f32 = 4.2;
 /// Opacity of the least stream.
 const FAINT: f32 = 0.5;
 /// Times positions are averaged with their neighbours along the stream: hides the grid's eight directions.
-const SMOOTHING_PASSES: usize = 4;
+const SMOOTHING_PASSES: usize = 10;
 
 /// A cell of a drawn stream.
 struct Reach {
