@@ -122,7 +122,9 @@ impl Manifest {
         let path = folder.join(MANIFEST);
         let text = match fs::read_to_string(&path) {
             Ok(text) => text,
-            Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+            Err(e)
+                if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) =>
+            {
                 return if is_absent_or_empty(folder)? {
                     Ok(None)
                 } else {
@@ -131,10 +133,8 @@ impl Manifest {
             }
             Err(source) => return Err(Error::Read { path, source }),
         };
-        let manifest: Self = toml::from_str(&text).map_err(|e| Error::Manifest {
-            path: path.clone(),
-            problem: e.message().to_owned(),
-        })?;
+        let manifest: Self = toml::from_str(&text)
+            .map_err(|e| Error::Manifest { path: path.clone(), problem: e.message().to_owned() })?;
         if manifest.scene.format != FORMAT {
             let problem = format!(
                 "folder layout {} where this wildwood knows {FORMAT}",
@@ -211,7 +211,7 @@ impl SceneHead {
 }
 
 /// The last part of a folder's path, `scene` if it has none.
-fn folder_name(folder: &Path) -> String {
+pub fn folder_name(folder: &Path) -> String {
     let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
     absolute.file_name().map_or_else(|| "scene".to_owned(), |n| n.to_string_lossy().into_owned())
 }
@@ -224,7 +224,11 @@ pub fn hash_file(path: &Path) -> io::Result<(String, u64)> {
     const CHUNK_BYTES: usize = 8 << 20;
     let mut file = File::open(path)?;
     let mut hasher = blake3::Hasher::new();
-    let mut buffer = vec![0; CHUNK_BYTES.min(usize::try_from(file.metadata()?.len()).unwrap_or(CHUNK_BYTES).max(1))];
+    let mut buffer =
+        vec![
+            0;
+            CHUNK_BYTES.min(usize::try_from(file.metadata()?.len()).unwrap_or(CHUNK_BYTES).max(1))
+        ];
     let mut bytes = 0;
     loop {
         let n = io::Read::read(&mut file, &mut buffer)?;
@@ -272,10 +276,11 @@ impl Transaction {
         let missing = home.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists());
         let made_parents: Vec<PathBuf> = missing.map(Path::to_path_buf).collect();
         fs::create_dir_all(home).map_err(fail)?;
-        let staging = tempfile::Builder::new().prefix(STAGING_PREFIX).tempdir_in(home).map_err(|e| {
-            remove_empty(&made_parents);
-            fail(e)
-        })?;
+        let staging =
+            tempfile::Builder::new().prefix(STAGING_PREFIX).tempdir_in(home).map_err(|e| {
+                remove_empty(&made_parents);
+                fail(e)
+            })?;
         let folder = folder.to_path_buf();
         Ok(Self { folder, staging, made_parents, files: Vec::new(), committed: false })
     }
@@ -291,7 +296,8 @@ impl Transaction {
     ) -> Result<String, Error> {
         let path = self.staging.path().join(name);
         let fail = |source| Error::Write { path: self.folder.join(name), source };
-        let mut file = File::options().read(true).write(true).create_new(true).open(&path).map_err(fail)?;
+        let mut file =
+            File::options().read(true).write(true).create_new(true).open(&path).map_err(fail)?;
         write(&mut file).map_err(fail)?;
         let (hash, _) = hash_file(&path).map_err(fail)?;
         self.files.push(name.to_owned());

@@ -23,10 +23,10 @@ const LAYERS: &[&[&str]] = &[
 ];
 
 /// Stages are functions of their arguments: none of these may appear in their folders.
-const STAGES: &[&str] = &[
-    "terrain", "abiotics", "canopy", "simulation", "undergrowth", "forest_floor", "tree",
-];
-const IMPURE: &[&str] = &["std::fs", "std::env", "std::time", "std::net", "std::process", "File::open"];
+const STAGES: &[&str] =
+    &["terrain", "abiotics", "canopy", "simulation", "undergrowth", "forest_floor", "tree"];
+const IMPURE: &[&str] =
+    &["std::fs", "std::env", "std::time", "std::net", "std::process", "File::open"];
 
 struct Source {
     path: String,
@@ -65,7 +65,9 @@ fn used_modules(code: &str) -> BTreeSet<String> {
                     '}' => depth -= 1,
                     _ => {}
                 }
-                if depth == 0 { name.push(c) }
+                if depth == 0 {
+                    name.push(c)
+                }
             }
             for item in name.split(',') {
                 used.insert(item.trim().split("::").next().unwrap_or("").to_owned());
@@ -121,20 +123,27 @@ fn position(module: &str) -> usize {
 /// Paths in the ```` ```map ```` block of ARCHITECTURE.md: the first word of each line.
 fn mapped_paths(architecture: &str) -> BTreeSet<String> {
     let block = architecture.split("```map").nth(1).and_then(|rest| rest.split("```").next());
-    block.unwrap_or("").lines().filter_map(|l| l.split_whitespace().next()).map(str::to_owned).collect()
+    block
+        .unwrap_or("")
+        .lines()
+        .filter_map(|l| l.split_whitespace().next())
+        .map(str::to_owned)
+        .collect()
 }
 
 fn map_drift(architecture: &str, sources: &[Source]) -> Vec<String> {
     let mapped = mapped_paths(architecture);
     let real: BTreeSet<String> = sources.iter().map(|s| s.path.clone()).collect();
     let missing = real.difference(&mapped).map(|p| format!("ARCHITECTURE.md does not list {p}"));
-    let stale = mapped.difference(&real).map(|p| format!("ARCHITECTURE.md lists {p}, which is gone"));
+    let stale =
+        mapped.difference(&real).map(|p| format!("ARCHITECTURE.md lists {p}, which is gone"));
     missing.chain(stale).collect()
 }
 
 fn read_sources() -> Vec<Source> {
     fn walk(root: &Path, folder: &Path, into: &mut Vec<Source>) {
-        let mut entries: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+        let mut entries: Vec<_> =
+            fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
         entries.sort();
         for path in entries {
             if path.is_dir() {
@@ -164,7 +173,8 @@ fn imports_look_down_only_and_stages_stay_pure() {
 
 #[test]
 fn architecture_map_equals_src() {
-    let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("ARCHITECTURE.md")).unwrap();
+    let text =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("ARCHITECTURE.md")).unwrap();
     let drift = map_drift(&text, &read_sources());
     assert!(drift.is_empty(), "{}", drift.join("\n"));
 }

@@ -58,19 +58,44 @@ struct Case {
 
 fn cases() -> Vec<Case> {
     let good = || float_tiff(8, 8, &heights((0..64).map(|i| i as f32)));
-    let asc = |body: &str| format!("ncols 8\nnrows 8\nxllcorner 0\nyllcorner 0\n{body}").into_bytes();
+    let asc =
+        |body: &str| format!("ncols 8\nnrows 8\nxllcorner 0\nyllcorner 0\n{body}").into_bytes();
     let rows = |value: &str| format!("{value} ").repeat(64);
     let case = |name, file, content, options, says| Case { name, file, content, options, says };
     vec![
         case("truncated", "cut.tif", good()[..200].to_vec(), &[], &["cut.tif"]),
         case("header only", "head.tif", b"II*\0".to_vec(), &[], &["head.tif"]),
-        case("wrong type", "holiday.jpg", b"\xff\xd8\xff\xe0 not terrain".to_vec(), &[], &["holiday.jpg"]),
+        case(
+            "wrong type",
+            "holiday.jpg",
+            b"\xff\xd8\xff\xe0 not terrain".to_vec(),
+            &[],
+            &["holiday.jpg"],
+        ),
         case("empty file", "empty.tif", Vec::new(), &[], &["empty.tif"]),
-        case("absurd size", "huge.tif", float_tiff(40_000, 40_000, &[0; 800]), &[], &["huge.tif", "40"]),
+        case(
+            "absurd size",
+            "huge.tif",
+            float_tiff(40_000, 40_000, &[0; 800]),
+            &[],
+            &["huge.tif", "40"],
+        ),
         case("no cells", "none.tif", float_tiff(0, 8, &[]), &[], &["none.tif"]),
         case("all NaN", "nan.tif", float_tiff(8, 8, &heights([f32::NAN; 64])), &[], &["nan.tif"]),
-        case("zero cell", "zero.asc", asc(&format!("cellsize 0\n{}", rows("5"))), &[], &["zero.asc", "cell"]),
-        case("negative cell", "neg.asc", asc(&format!("cellsize -2\n{}", rows("5"))), &[], &["neg.asc", "cell"]),
+        case(
+            "zero cell",
+            "zero.asc",
+            asc(&format!("cellsize 0\n{}", rows("5"))),
+            &[],
+            &["zero.asc", "cell"],
+        ),
+        case(
+            "negative cell",
+            "neg.asc",
+            asc(&format!("cellsize -2\n{}", rows("5"))),
+            &[],
+            &["neg.asc", "cell"],
+        ),
         case(
             "all nodata",
             "void.asc",
@@ -78,9 +103,27 @@ fn cases() -> Vec<Case> {
             &[],
             &["void.asc"],
         ),
-        case("text in the middle", "word.asc", asc(&format!("cellsize 1\n{} cow", rows("5"))), &[], &["word.asc"]),
-        case("absurd ascii", "big.asc", b"ncols 90000\nnrows 90000\nxllcorner 0\nyllcorner 0\ncellsize 1\n1".to_vec(), &[], &["big.asc"]),
-        case("elv without rows", "short.elv", b"256 256 2.0 42.5\n1 2 3".to_vec(), &[], &["short.elv"]),
+        case(
+            "text in the middle",
+            "word.asc",
+            asc(&format!("cellsize 1\n{} cow", rows("5"))),
+            &[],
+            &["word.asc"],
+        ),
+        case(
+            "absurd ascii",
+            "big.asc",
+            b"ncols 90000\nnrows 90000\nxllcorner 0\nyllcorner 0\ncellsize 1\n1".to_vec(),
+            &[],
+            &["big.asc"],
+        ),
+        case(
+            "elv without rows",
+            "short.elv",
+            b"256 256 2.0 42.5\n1 2 3".to_vec(),
+            &[],
+            &["short.elv"],
+        ),
         case("broken cloud", "cut.laz", b"LASF\0\0\0\0".to_vec(), &[], &["cut.laz"]),
         case("zero --cell", "a.tif", good(), &["--cell", "0"], &["cell"]),
         case("negative --cell", "a.tif", good(), &["--cell=-1"], &["cell"]),
@@ -99,7 +142,8 @@ fn each_bad_input_is_told_and_leaves_nothing() {
         let input = home.path().join(case.file);
         fs::write(&input, &case.content).unwrap();
         let forest = home.path().join("out/forest");
-        let mut arguments = vec!["import", input.to_str().unwrap(), "-o", forest.to_str().unwrap(), "--quiet"];
+        let mut arguments =
+            vec!["import", input.to_str().unwrap(), "-o", forest.to_str().unwrap(), "--quiet"];
         arguments.extend(case.options);
         let output = wildwood(&arguments);
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -110,7 +154,12 @@ fn each_bad_input_is_told_and_leaves_nothing() {
         assert_eq!(told.trim().lines().count(), 1, "{}: one error, not {told}", case.name);
         assert!(!told.contains("panicked"), "{}: {told}", case.name);
         assert!(!home.path().join("out").exists(), "{}: a folder was left behind", case.name);
-        assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1, "{}: files were left behind", case.name);
+        assert_eq!(
+            fs::read_dir(home.path()).unwrap().count(),
+            1,
+            "{}: files were left behind",
+            case.name
+        );
     }
 }
 
@@ -136,7 +185,11 @@ fn mixed_crs_names_both_files() {
     fs::write(&geo, geographic_tiff()).unwrap();
     let forest = home.path().join("forest");
     let output = wildwood(&[
-        "import", plain.to_str().unwrap(), geo.to_str().unwrap(), "-o", forest.to_str().unwrap(),
+        "import",
+        plain.to_str().unwrap(),
+        geo.to_str().unwrap(),
+        "-o",
+        forest.to_str().unwrap(),
     ]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{told}");
@@ -149,9 +202,12 @@ fn geographic_tiff() -> Vec<u8> {
     const ENTRIES: u32 = 13;
     let start = 8 + 2 + 12 * ENTRIES + 4;
     let scale: Vec<u8> = [0.001_f64, 0.001, 0.0].into_iter().flat_map(f64::to_le_bytes).collect();
-    let tie: Vec<u8> = [0.0_f64, 0.0, 0.0, -122.0, 38.0, 0.0].into_iter().flat_map(f64::to_le_bytes).collect();
-    let keys: Vec<u8> =
-        [1_u16, 1, 0, 2, 1024, 0, 1, 2, 2048, 0, 1, 4326].into_iter().flat_map(u16::to_le_bytes).collect();
+    let tie: Vec<u8> =
+        [0.0_f64, 0.0, 0.0, -122.0, 38.0, 0.0].into_iter().flat_map(f64::to_le_bytes).collect();
+    let keys: Vec<u8> = [1_u16, 1, 0, 2, 1024, 0, 1, 2, 2048, 0, 1, 4326]
+        .into_iter()
+        .flat_map(u16::to_le_bytes)
+        .collect();
     let mut payload = scale.clone();
     payload.extend(&tie);
     payload.extend(&keys);

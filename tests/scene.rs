@@ -15,7 +15,9 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     fs::read_dir(folder)
         .unwrap()
         .map(|entry| entry.unwrap())
-        .map(|entry| (entry.file_name().to_string_lossy().into_owned(), fs::read(entry.path()).unwrap()))
+        .map(|entry| {
+            (entry.file_name().to_string_lossy().into_owned(), fs::read(entry.path()).unwrap())
+        })
         .collect()
 }
 
@@ -31,8 +33,15 @@ fn a_scene_has_the_files_it_promises() {
     let folder = home.path().join("forest");
     demo(&folder, &[]);
     let names: Vec<String> = contents(&folder).into_keys().collect();
-    let promised =
-        ["moisture.tif", "preview.png", "scene.toml", "slope.tif", "sunlight.tif", "temperature.tif", "terrain.tif"];
+    let promised = [
+        "moisture.tif",
+        "preview.png",
+        "scene.toml",
+        "slope.tif",
+        "sunlight.tif",
+        "temperature.tif",
+        "terrain.tif",
+    ];
     for name in promised {
         assert!(names.iter().any(|n| n == name), "{name} is missing among {names:?}");
     }
@@ -57,7 +66,8 @@ fn an_unchanged_import_runs_nothing_and_a_changed_climate_only_what_depends_on_i
     demo(&demo_folder, &[]);
     let dem = demo_folder.join("terrain.tif");
     let import = |options: &[&str]| {
-        let mut arguments = vec!["import", dem.to_str().unwrap(), "-o", forest.to_str().unwrap(), "--json"];
+        let mut arguments =
+            vec!["import", dem.to_str().unwrap(), "-o", forest.to_str().unwrap(), "--json"];
         arguments.extend(options);
         String::from_utf8(wildwood(&arguments).stdout).unwrap()
     };
@@ -83,7 +93,8 @@ fn json_lines_are_json_and_end_with_the_result() {
     let folder = home.path().join("forest");
     let output = wildwood(&["demo", "-o", folder.to_str().unwrap(), "--size", "64", "--json"]);
     let text = String::from_utf8(output.stdout).unwrap();
-    let lines: Vec<serde_json::Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let lines: Vec<serde_json::Value> =
+        text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     assert_eq!(lines.last().unwrap()["event"], "done");
     assert!(lines.iter().any(|l| l["event"] == "stage" && l["peak_memory_mib"].is_number()));
 }

@@ -33,6 +33,21 @@ impl MonthlyTemperature {
         temperature_c(&self.climate, month_index, self.elevation_m.values()[index])
     }
 
+    /// The elevation temperature is worked out from.
+    pub fn elevation_m(&self) -> &Grid<f32> {
+        &self.elevation_m
+    }
+
+    /// Mean over the year, °C.
+    pub fn yearly_mean(&self) -> Grid<f32> {
+        let yearly = |z: f32| {
+            let sum: f32 = (0..MONTHS).map(|m| temperature_c(&self.climate, m, z)).sum();
+            sum / MONTHS as f32
+        };
+        let values = self.elevation_m.values();
+        self.elevation_m.with_values(values.iter().map(|&z| yearly(z)).collect())
+    }
+
     /// All values of a month, in °C.
     pub fn month(&self, month_index: usize) -> Grid<f32> {
         assert!(month_index < MONTHS, "month index {month_index} is past December");

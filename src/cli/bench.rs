@@ -47,8 +47,9 @@ enum Workload {
     ImportLaz,
 }
 
-/// Points of the generated cloud of `import-laz`.
-const CLOUD_POINTS: usize = 4_000_000;
+/// Side and density of the generated cloud of `import-laz`: 4 million points over 1 km².
+const CLOUD_SIDE_M: f64 = 1000.0;
+const CLOUD_POINTS_PER_M2: f64 = 4.0;
 
 pub fn run(arguments: &BenchArguments) -> Outcome {
     let Some(workload) = arguments.workload else {
@@ -131,10 +132,16 @@ fn abiotics(size: usize) -> Result<Value, Error> {
         .iter()
         .map(|r| (r.stage.to_owned(), json!(r.seconds)))
         .collect();
-    Ok(json!({"seconds": seconds, "cells": cells, "ns_per_cell": seconds * 1e9 / cells as f64, "stages_s": stages}))
+    Ok(
+        json!({"seconds": seconds, "cells": cells, "ns_per_cell": seconds * 1e9 / cells as f64, "stages_s": stages}),
+    )
 }
 
-fn prepare(workload: Workload, arguments: &BenchArguments, folder: &Path) -> Result<PathBuf, Error> {
+fn prepare(
+    workload: Workload,
+    arguments: &BenchArguments,
+    folder: &Path,
+) -> Result<PathBuf, Error> {
     let given = match workload {
         Workload::ImportLaz => &arguments.laz,
         _ => &arguments.dem,
@@ -143,12 +150,13 @@ fn prepare(workload: Workload, arguments: &BenchArguments, folder: &Path) -> Res
         return Ok(path.clone());
     }
     let reporter = Reporter::silent();
-    let params = GenerateParams { rows: 1000, cols: 1000, cell_m: 1.0, ..GenerateParams::default() };
+    let params =
+        GenerateParams { rows: 1000, cols: 1000, cell_m: 1.0, ..GenerateParams::default() };
     let terrain = generate::generate(&params, &reporter)?;
     Ok(match workload {
         Workload::ImportLaz => {
             let path = folder.join("bench.laz");
-            let cloud = synthetic::forest_cloud(&terrain.elevation_m, CLOUD_POINTS, 1);
+            let cloud = synthetic::forest(1, CLOUD_SIDE_M, CLOUD_POINTS_PER_M2);
             crate::io::las::write_laz(&cloud, &path)?;
             path
         }

@@ -26,7 +26,8 @@ pub struct DemoArguments {
 
 pub fn run(arguments: &DemoArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
     let size = usize::from(arguments.size);
-    let params = GenerateParams { rows: size, cols: size, seed: shared.seed, ..GenerateParams::default() };
+    let params =
+        GenerateParams { rows: size, cols: size, seed: shared.seed, ..GenerateParams::default() };
     let manifest = demo::run(arguments.output.clone(), &arguments.biome, &params, reporter)?;
     import::report(&arguments.output, &manifest, shared);
     Ok(())

@@ -10,13 +10,14 @@ pub fn run(json: bool) -> Outcome {
     if json {
         terminal::line(&json!({
             "version": env!("CARGO_PKG_VERSION"), "threads": threads, "gdal": gdal,
-            "biomes": crate::species::Biome::builtin_names(),
+            "biomes": crate::species::Biome::BUILTIN_NAMES,
         }));
     } else {
         terminal::say(&format!("wildwood   {}", env!("CARGO_PKG_VERSION")));
         terminal::say(&format!("threads    {threads}"));
-        terminal::say(&format!("biomes     {}", crate::species::Biome::builtin_names().join(", ")));
-        let gdal = if gdal { "built in" } else { "not built in (cargo build --release --features gdal)" };
+        terminal::say(&format!("biomes     {}", crate::species::Biome::BUILTIN_NAMES.join(", ")));
+        let gdal =
+            if gdal { "built in" } else { "not built in (cargo build --release --features gdal)" };
         terminal::say(&format!("GDAL       {gdal}"));
     }
     Ok(())

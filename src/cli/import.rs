@@ -6,11 +6,10 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::{Outcome, Shared, terminal};
-use crate::io::MapWindow;
-use crate::pipeline::import::{self, DEFAULT_BIOME, ImportRequest};
 use crate::pipeline::Error;
+use crate::pipeline::import::{self, DEFAULT_BIOME, ImportRequest};
 use crate::progress::Reporter;
-use crate::raster::{Crs, LengthUnit};
+use crate::raster::{Crs, LengthUnit, MapWindow};
 use crate::scene::Manifest;
 use crate::terrain::import::Resampling;
 
@@ -36,7 +35,13 @@ pub struct ImportArguments {
     #[arg(long, value_enum)]
     vertical_unit: Option<Unit>,
     /// Part to import, in the scene's CRS (the input's own where it is metric, else its UTM zone).
-    #[arg(long, value_name = "WEST,SOUTH,EAST,NORTH", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "WEST,SOUTH,EAST,NORTH",
+        value_delimiter = ',',
+        num_args = 1,
+        allow_hyphen_values = true
+    )]
     bbox: Option<Vec<f64>>,
     /// Cell width of the scene in metres [default: the input's].
     #[arg(long, value_name = "METRES")]
@@ -83,12 +88,21 @@ pub fn run(arguments: &ImportArguments, shared: &Shared, reporter: &Reporter) ->
 pub fn report(folder: &std::path::Path, manifest: &Manifest, shared: &Shared) {
     let head = &manifest.scene;
     if shared.json {
-        terminal::line(&json!({"event": "done", "folder": folder, "scene": head, "stages": manifest.stages}));
+        terminal::line(
+            &json!({"event": "done", "folder": folder, "scene": head, "stages": manifest.stages}),
+        );
     } else if !shared.quiet {
         let [width, height] = head.extent_m;
         terminal::say(&format!(
             "{}: {} × {} cells of {} m ({:.0} × {:.0} m), {}, biome {}; look at {}",
-            folder.display(), head.cols, head.rows, head.cell_m, width, height, head.crs, head.biome,
+            folder.display(),
+            head.cols,
+            head.rows,
+            head.cell_m,
+            width,
+            height,
+            head.crs,
+            head.biome,
             folder.join("preview.png").display(),
         ));
     }

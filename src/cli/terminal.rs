@@ -87,7 +87,9 @@ impl Sink for Bars {
         match event {
             Event::StageStarted { stage, total } => {
                 let bar = ProgressBar::new(*total);
-                if let Ok(style) = ProgressStyle::with_template("{prefix:<12} {bar:30} {percent:>3} %  {elapsed}") {
+                if let Ok(style) =
+                    ProgressStyle::with_template("{prefix:<12} {bar:30} {percent:>3} %  {elapsed}")
+                {
                     bar.set_style(style);
                 }
                 bar.set_prefix(*stage);
@@ -102,7 +104,12 @@ impl Sink for Bars {
                 if let Some(at) = running.iter().position(|(name, _)| *name == record.stage) {
                     let (_, bar) = running.remove(at);
                     bar.finish_and_clear();
-                    let _ = writeln!(std::io::stderr(), "{:<12} {:8.2} s", record.stage, record.seconds);
+                    let _ = writeln!(
+                        std::io::stderr(),
+                        "{:<12} {:8.2} s",
+                        record.stage,
+                        record.seconds
+                    );
                 }
             }
             Event::Warned(warning) => {

@@ -5,8 +5,8 @@
 
 use super::number_text::{self, Words};
 use super::window;
-use crate::raster::MapWindow;
 use super::{Limits, ParseError};
+use crate::raster::MapWindow;
 use crate::raster::{Affine, SourceRaster};
 
 /// Nodata where the header is silent, as ESRI's documentation has it.

@@ -10,8 +10,8 @@
 
 use super::number_text::{self, Words};
 use super::window;
-use crate::raster::MapWindow;
 use super::{Limits, ParseError};
+use crate::raster::MapWindow;
 use crate::raster::{Affine, Crs, SourceRaster};
 
 /// Whether text begins like an `.elv` file: two counts, a cell size, a latitude.

@@ -8,8 +8,8 @@ use gdal::spatial_ref::SpatialRef;
 
 use super::geotiff::read::unit_by_name;
 use super::window;
-use crate::raster::MapWindow;
 use super::{Error, Limits, ParseError};
+use crate::raster::MapWindow;
 use crate::raster::{Affine, Crs, SourceRaster};
 
 /// Band 1 of a raster, or the part of it that `window` (in the file's CRS) touches.

@@ -14,10 +14,19 @@ use crate::terrain::generate::{self, GenerateParams};
 ///
 /// # Errors
 /// If the folder cannot be written, or the run is cancelled.
-pub fn run(folder: PathBuf, biome: &str, terrain: &GenerateParams, reporter: &Reporter) -> Result<Manifest, Error> {
+pub fn run(
+    folder: PathBuf,
+    biome: &str,
+    terrain: &GenerateParams,
+    reporter: &Reporter,
+) -> Result<Manifest, Error> {
     let kept = Manifest::read(&folder)?.map(|m| m.stages).unwrap_or_default();
     let climate = Biome::builtin(biome)?.climate;
-    let request = ImportRequest { biome: biome.to_owned(), seed: terrain.seed, ..ImportRequest::new(Vec::new(), folder) };
+    let request = ImportRequest {
+        biome: biome.to_owned(),
+        seed: terrain.seed,
+        ..ImportRequest::new(Vec::new(), folder)
+    };
     let read = ReadTerrain { terrain: generate::generate(terrain, reporter)?, canopy: None };
     let maps = abiotics::run(&read.terrain, &climate, &request.abiotics, reporter)?;
     let mut transaction = Transaction::begin(&request.folder)?;
@@ -27,7 +36,8 @@ pub fn run(folder: PathBuf, biome: &str, terrain: &GenerateParams, reporter: &Re
     let entry = import::write_terrain(&read, &mut transaction, key.clone(), parameters)?;
     let mut stages = kept;
     stages.insert("terrain".to_owned(), entry);
-    let entry = import::write_abiotics(&read.terrain, &maps, &mut transaction, key, &request, reporter)?;
+    let entry =
+        import::write_abiotics(&read.terrain, &maps, &mut transaction, key, &request, reporter)?;
     stages.insert("abiotics".to_owned(), entry);
     let scene = SceneHead::new(&request.folder, &read.terrain, biome, terrain.seed);
     let manifest = Manifest { scene, inputs: Vec::new(), stages };

@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use super::Error;
 use super::scene_files::{StageFiles, mean};
 use crate::abiotics::{self, AbioticMaps};
-use crate::io::{self, Limits, MapWindow, las, raster_file};
-use crate::progress::{Reporter, Warning};
-use crate::raster::{Grid, LengthUnit, MONTHS};
+use crate::io::{self, Limits, las, raster_file};
+use crate::progress::{Reporter, Stage};
+use crate::raster::{Crs, Grid, LengthUnit, MONTHS, MapWindow};
 use crate::scene::{Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
 use crate::species::{Biome, Climate};
+use crate::terrain::framing::Placement;
 use crate::terrain::import::{self as terrain_import, ImportParams};
 use crate::terrain::mosaic::NamedRaster;
-use crate::terrain::point_cloud::{self, CloudParams};
-use crate::terrain::Terrain;
+use crate::terrain::{Terrain, cloud_import};
 
 /// Raised whenever a stage's results change, so that older scenes are made anew.
 const RESULTS_VERSION: u32 = 1;
@@ -84,9 +84,11 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
 
     let terrain_key = key(&["terrain", &format!("{inputs:?} {:?}", request.terrain)]);
     let climate_text = format!("{climate:?}");
-    let abiotics_key = key(&["abiotics", &terrain_key, &climate_text, &format!("{:?}", request.abiotics)]);
-    let head_is_current =
-        existing.as_ref().is_some_and(|m| m.scene.biome == request.biome && m.scene.seed == request.seed);
+    let abiotics_key =
+        key(&["abiotics", &terrain_key, &climate_text, &format!("{:?}", request.abiotics)]);
+    let head_is_current = existing
+        .as_ref()
+        .is_some_and(|m| m.scene.biome == request.biome && m.scene.seed == request.seed);
     let current = |stage: &str, key: &str| match &existing {
         Some(manifest) => manifest.is_current(&request.folder, stage, key),
         None => Ok(false),
@@ -99,19 +101,30 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
 
     let kept = existing.filter(|_| terrain_is_current);
     let read = match &kept {
-        Some(manifest) => ReadTerrain { terrain: load_terrain(&request.folder, manifest)?, canopy: None },
+        Some(manifest) => {
+            ReadTerrain { terrain: load_terrain(&request.folder, manifest)?, canopy: None }
+        }
         None => read_terrain_in(request, &climate, reporter)?,
     };
     let name = SceneHead::new(&request.folder, &read.terrain, &request.biome, request.seed);
-    let mut manifest = Manifest { scene: name, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
+    let mut manifest =
+        Manifest { scene: name, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
     let mut transaction = Transaction::begin(&request.folder)?;
     if !terrain_is_current {
-        let entry = write_terrain(&read, &mut transaction, terrain_key, terrain_parameters(request))?;
+        let entry =
+            write_terrain(&read, &mut transaction, terrain_key, terrain_parameters(request))?;
         manifest.stages.insert("terrain".to_owned(), entry);
     }
     if !abiotics_are_current {
         let maps = abiotics::run(&read.terrain, &climate, &request.abiotics, reporter)?;
-        let entry = write_abiotics(&read.terrain, &maps, &mut transaction, abiotics_key, request, reporter)?;
+        let entry = write_abiotics(
+            &read.terrain,
+            &maps,
+            &mut transaction,
+            abiotics_key,
+            request,
+            reporter,
+        )?;
         manifest.stages.insert("abiotics".to_owned(), entry);
     }
     reporter.check_cancelled()?;
@@ -141,28 +154,92 @@ pub fn write_terrain_only(terrain: &Terrain, folder: &Path) -> Result<(), Error>
     Ok(())
 }
 
-fn read_terrain_in(request: &ImportRequest, climate: &Climate, reporter: &Reporter) -> Result<ReadTerrain, Error> {
+fn read_terrain_in(
+    request: &ImportRequest,
+    climate: &Climate,
+    reporter: &Reporter,
+) -> Result<ReadTerrain, Error> {
     let stage = reporter.stage("read", request.inputs.len() as u64);
     let limits = Limits { max_cells: request.terrain.max_cells, ..Limits::default() };
     let clouds = request.inputs.iter().filter(|path| is_cloud(path)).count();
     if clouds > 0 && clouds < request.inputs.len() {
-        let what = "rasters and point clouds in one import; give either elevation rasters or point clouds".to_owned();
+        let what =
+            "rasters and point clouds in one import; give either elevation rasters or point clouds"
+                .to_owned();
         return Err(Error::Usage { what });
     }
     if clouds > 0 {
-        let mut joined: Option<las::PointCloud> = None;
-        todo!()
+        let cloud = read_clouds(request, &limits, reporter, &stage)?;
+        drop(stage);
+        let path = &request.inputs[0];
+        let read =
+            cloud_import::run(cloud, path, &request.terrain, Some(climate.latitude_deg), reporter)?;
+        let canopy = MeasuredCanopy { chm_m: read.chm_m, dsm_m: read.dsm_m };
+        return Ok(ReadTerrain { terrain: read.terrain, canopy: Some(canopy) });
     }
     let mut tiles = Vec::with_capacity(request.inputs.len());
     for path in &request.inputs {
         reporter.check_cancelled()?;
-        let raster = raster_file::read(path, None, &limits)?;
+        let window = match request.terrain.bbox {
+            Some(_) => window_in_file(request, raster_file::geotiff_crs(path)?),
+            None => None,
+        };
+        let raster = raster_file::read(path, window.as_ref(), &limits)?;
         tiles.push(NamedRaster { path: path.clone(), raster });
         stage.advance(1);
     }
     drop(stage);
-    let terrain = terrain_import::run(tiles, &request.terrain, Some(climate.latitude_deg), reporter)?;
+    let terrain =
+        terrain_import::run(tiles, &request.terrain, Some(climate.latitude_deg), reporter)?;
     Ok(ReadTerrain { terrain, canopy: None })
+}
+
+/// The window to read of a file whose header names `header_crs` (`None`: all of it). The user's window is in the
+/// scene's CRS, so it can cut the file only where that is the file's own.
+fn window_in_file(request: &ImportRequest, header_crs: Option<Crs>) -> Option<MapWindow> {
+    let bbox = request.terrain.bbox?;
+    let crs = request.terrain.crs.clone().or(header_crs)?;
+    let stays =
+        Placement::new(&crs, bbox.middle()).is_ok_and(|placement| placement.to_scene.is_none());
+    stays.then_some(bbox)
+}
+
+/// All clouds as one.
+fn read_clouds(
+    request: &ImportRequest,
+    limits: &Limits,
+    reporter: &Reporter,
+    stage: &Stage<'_>,
+) -> Result<las::PointCloud, Error> {
+    let mut joined: Option<las::PointCloud> = None;
+    for path in &request.inputs {
+        reporter.check_cancelled()?;
+        let window = match request.terrain.bbox {
+            Some(_) => window_in_file(request, Some(las::header_crs(path)?.unwrap_or(Crs::Local))),
+            None => None,
+        };
+        let cloud = las::read(path, window, limits)?;
+        stage.advance(1);
+        match &mut joined {
+            None => joined = Some(cloud),
+            Some(first) if request.terrain.crs.is_none() && first.crs != cloud.crs => {
+                let name = |crs: &Option<Crs>| {
+                    crs.as_ref().map_or_else(|| "no CRS".to_owned(), Crs::to_string)
+                };
+                return Err(Error::Usage {
+                    what: format!(
+                        "{} is in {}, {} in {}; give clouds of one CRS, or reproject one",
+                        request.inputs[0].display(),
+                        name(&first.crs),
+                        path.display(),
+                        name(&cloud.crs)
+                    ),
+                });
+            }
+            Some(first) => first.append(cloud),
+        }
+    }
+    joined.ok_or_else(|| Error::Usage { what: "no input given; name at least one file".to_owned() })
 }
 
 /// Whether a path names a point cloud.
@@ -175,8 +252,10 @@ fn climate(request: &ImportRequest) -> Result<Climate, Error> {
     let Some(path) = &request.climate_file else {
         return Ok(biome.climate);
     };
-    let text = std::fs::read_to_string(path).map_err(|source| io::Error::Read { path: path.clone(), source })?;
-    let in_file = |e: crate::species::BiomeError| Error::Usage { what: format!("{}: {e}", path.display()) };
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| io::Error::Read { path: path.clone(), source })?;
+    let in_file =
+        |e: crate::species::BiomeError| Error::Usage { what: format!("{}: {e}", path.display()) };
     Climate::from_toml(&text).map_err(in_file)
 }
 
@@ -202,7 +281,8 @@ fn key(parts: &[&str]) -> String {
 
 fn load_terrain(folder: &Path, manifest: &Manifest) -> Result<Terrain, Error> {
     let path = folder.join("terrain.tif");
-    let broken = |problem| crate::scene::Error::Manifest { path: folder.join("scene.toml"), problem };
+    let broken =
+        |problem| crate::scene::Error::Manifest { path: folder.join("scene.toml"), problem };
     let frame = manifest.scene.frame().map_err(broken)?;
     let raster = raster_file::read(&path, None, &Limits::default())?;
     if raster.values.len() != frame.len() {
@@ -229,13 +309,17 @@ pub(super) fn write_terrain(
     if let Some(canopy) = &read.canopy {
         files.grid("chm.tif", "canopy height", "m", &canopy.chm_m)?;
         files.grid("dsm.tif", "surface elevation", "m", &canopy.dsm_m)?;
-        figures.insert("canopy_height_mean_m".to_owned(), mean(canopy.chm_m.values(), canopy.chm_m.mask()).into());
+        figures.insert(
+            "canopy_height_mean_m".to_owned(),
+            mean(canopy.chm_m.values(), canopy.chm_m.mask()).into(),
+        );
     }
     if let Some((lowest, highest)) = elevation.range() {
         figures.insert("elevation_min_m".to_owned(), f64::from(lowest).into());
         figures.insert("elevation_max_m".to_owned(), f64::from(highest).into());
     }
-    figures.insert("elevation_mean_m".to_owned(), mean(elevation.values(), elevation.mask()).into());
+    figures
+        .insert("elevation_mean_m".to_owned(), mean(elevation.values(), elevation.mask()).into());
     let masked = elevation.frame().len() - elevation.mask().valid_count();
     figures.insert("masked_cells".to_owned(), i64::try_from(masked).unwrap_or(i64::MAX).into());
     Ok(files.into_entry(key, parameters, figures))
@@ -265,13 +349,16 @@ pub(super) fn write_abiotics(
 fn abiotic_figures(maps: &AbioticMaps) -> toml::Table {
     let mut figures = toml::Table::new();
     let mut add = |name: &str, value: f64| figures.insert(name.to_owned(), value.into());
-    let yearly = |months: &dyn Fn(usize) -> f64| (0..MONTHS).map(months).sum::<f64>() / MONTHS as f64;
+    let yearly =
+        |months: &dyn Fn(usize) -> f64| (0..MONTHS).map(months).sum::<f64>() / MONTHS as f64;
     let mask = maps.slope_rad.mask();
     add("sunlight_mean_h_per_day", yearly(&|m| mean(maps.sunlight_h.month(m), mask)));
     add("moisture_mean_mm", yearly(&|m| mean(maps.moisture_mm.month(m), mask)));
     add("slope_mean_deg", mean(maps.slope_rad.values(), mask).to_degrees());
     add("temperature_mean_c", mean(maps.temperature_c.yearly_mean().values(), mask));
-    let sum = |pick: fn(&crate::abiotics::WaterBalance) -> f64| maps.balance.iter().map(pick).sum::<f64>();
+    let sum = |pick: fn(&crate::abiotics::WaterBalance) -> f64| {
+        maps.balance.iter().map(pick).sum::<f64>()
+    };
     add("rain_mm_per_year", sum(|b| b.rain_mm));
     add("evaporation_mm_per_year", sum(|b| b.evaporation_mm));
     add("transpiration_mm_per_year", sum(|b| b.transpiration_mm));
@@ -280,7 +367,9 @@ fn abiotic_figures(maps: &AbioticMaps) -> toml::Table {
 }
 
 fn terrain_parameters(request: &ImportRequest) -> toml::Table {
-    let ImportParams { crs, vertical_unit, bbox, cell_m, latitude_deg, fill_holes_up_to_m2, .. } = &request.terrain;
+    let ImportParams {
+        crs, vertical_unit, bbox, cell_m, latitude_deg, fill_holes_up_to_m2, ..
+    } = &request.terrain;
     let mut table = toml::Table::new();
     let mut add = |name: &str, value: Option<toml::Value>| {
         if let Some(value) = value {

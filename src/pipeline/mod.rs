@@ -22,8 +22,6 @@ pub enum Error {
     Biome(#[from] species::BiomeError),
     #[error(transparent)]
     Terrain(#[from] terrain::import::ImportError),
-    #[error(transparent)]
-    Cloud(#[from] terrain::point_cloud::Error),
     #[error("{what}")]
     Usage { what: String },
     #[error("cancelled; nothing was written")]

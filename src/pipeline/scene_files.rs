@@ -5,17 +5,27 @@ use std::fs::File;
 use std::io::BufWriter;
 
 use super::Error;
-use crate::abiotics::AbioticMaps;
-use crate::export::preview::{self, PreviewMaps};
-use crate::io::geotiff::{self, Band, BandSource, CogImage};
+use crate::abiotics::{AbioticMaps, MonthlyTemperature};
+use crate::export::preview::{self, PreviewMaps, PreviewOptions};
+use crate::io::geotiff::{self, Band, BandSource, CogBands, CogError, CogOptions, StoredBands};
 use crate::progress::Reporter;
 use crate::raster::{Grid, MONTHS, Mask, MonthlyGrid};
 use crate::scene::{StageEntry, Transaction};
 use crate::terrain::Terrain;
 
 const MONTH_NAMES: [&str; MONTHS] = [
-    "January", "February", "March", "April", "May", "June", "July", "August", "September",
-    "October", "November", "December",
+    "January",
+    "February",
+    "March",
+    "April",
+    "May",
+    "June",
+    "July",
+    "August",
+    "September",
+    "October",
+    "November",
+    "December",
 ];
 
 /// Writes rasters of one stage and collects their hashes.
@@ -30,35 +40,60 @@ impl<'a> StageFiles<'a> {
     }
 
     /// The stage's entry in the manifest.
-    pub fn into_entry(self, key: String, parameters: toml::Table, figures: toml::Table) -> StageEntry {
+    pub fn into_entry(
+        self,
+        key: String,
+        parameters: toml::Table,
+        figures: toml::Table,
+    ) -> StageEntry {
         StageEntry { key, parameters, figures, files: self.files }
     }
 
-    fn cog<S: BandSource + ?Sized>(&mut self, name: &str, image: &CogImage<'_>, bands: &S) -> Result<(), Error> {
+    fn cog(&mut self, name: &str, image: &CogBands<'_>) -> Result<(), Error> {
         let hash = self.transaction.write(name, |file: &mut File| {
             let mut out = BufWriter::with_capacity(1 << 20, file);
-            geotiff::write_cog(&mut out, image, bands)?;
+            geotiff::write_cog(&mut out, image, &CogOptions::default()).map_err(|e| match e {
+                CogError::Write(source) => source,
+                other => std::io::Error::other(other),
+            })?;
             std::io::Write::flush(&mut out)
         })?;
         self.files.insert(name.to_owned(), hash);
         Ok(())
     }
 
-    fn single<T>(&mut self, file: &str, band: &str, unit: &str, grid: &Grid<T>, values: &[f32]) -> Result<(), Error> {
+    fn single<T>(
+        &mut self,
+        file: &str,
+        band: &str,
+        unit: &str,
+        grid: &Grid<T>,
+        values: &[f32],
+    ) -> Result<(), Error> {
         let bands = [Band { name: band.to_owned(), unit: unit.to_owned() }];
-        let image = CogImage { frame: grid.frame(), mask: grid.mask(), bands: &bands };
-        self.cog(file, &image, [values].as_slice())
+        let source = StoredBands::new(grid.frame(), vec![values]);
+        self.cog(
+            file,
+            &CogBands { frame: grid.frame(), mask: grid.mask(), bands: &bands, source: &source },
+        )
     }
 
     /// Writes a raster of one band.
-    pub fn grid(&mut self, file: &str, band: &str, unit: &str, grid: &Grid<f32>) -> Result<(), Error> {
+    pub fn grid(
+        &mut self,
+        file: &str,
+        band: &str,
+        unit: &str,
+        grid: &Grid<f32>,
+    ) -> Result<(), Error> {
         self.single(file, band, unit, grid, grid.values())
     }
 
     fn monthly(&mut self, file: &str, unit: &str, monthly: &MonthlyGrid) -> Result<(), Error> {
-        let image = CogImage { frame: monthly.frame(), mask: monthly.mask(), bands: &month_bands(unit) };
-        let months: [&[f32]; MONTHS] = std::array::from_fn(|m| monthly.month(m));
-        self.cog(file, &image, months.as_slice())
+        let months = (0..MONTHS).map(|m| monthly.month(m)).collect();
+        let source = StoredBands::new(monthly.frame(), months);
+        let (frame, mask) = (monthly.frame(), monthly.mask());
+        self.cog(file, &CogBands { frame, mask, bands: &month_bands(unit), source: &source })
     }
 
     /// Writes the four abiotic maps and the discharge.
@@ -72,8 +107,12 @@ impl<'a> StageFiles<'a> {
         self.monthly("moisture.tif", "mm", &maps.moisture_mm)?;
         stage.advance(1);
         let elevation = maps.temperature_c.elevation_m();
-        let image = CogImage { frame: elevation.frame(), mask: elevation.mask(), bands: &month_bands("°C") };
-        self.cog("temperature.tif", &image, &Temperature(maps))?;
+        let (frame, mask) = (elevation.frame(), elevation.mask());
+        let source = Temperature(&maps.temperature_c);
+        self.cog(
+            "temperature.tif",
+            &CogBands { frame, mask, bands: &month_bands("°C"), source: &source },
+        )?;
         stage.advance(1);
         self.grid("discharge.tif", "mean discharge", "m3/s", &maps.discharge_m3_s)?;
         stage.advance(1);
@@ -81,7 +120,13 @@ impl<'a> StageFiles<'a> {
     }
 
     /// Draws and writes `preview.png`.
-    pub fn preview(&mut self, name: &str, terrain: &Terrain, maps: &AbioticMaps, reporter: &Reporter) -> Result<(), Error> {
+    pub fn preview(
+        &mut self,
+        name: &str,
+        terrain: &Terrain,
+        maps: &AbioticMaps,
+        reporter: &Reporter,
+    ) -> Result<(), Error> {
         let stage = reporter.stage("preview", 1);
         let shown = PreviewMaps {
             sunlight_h: Some(maps.sunlight_h.yearly_mean()),
@@ -89,30 +134,36 @@ impl<'a> StageFiles<'a> {
             temperature_c: Some(maps.temperature_c.yearly_mean()),
             slope_rad: Some(maps.slope_rad.clone()),
             discharge_m3_s: Some(maps.discharge_m3_s.clone()),
-            river: Some(&maps.river),
+            river: Some(maps.river.values()),
         };
-        let png = preview::png(terrain, &shown, name);
-        let hash = self.transaction.write("preview.png", |file| std::io::Write::write_all(file, &png))?;
+        let options = PreviewOptions { title: name.to_owned() };
+        let picture = preview::preview(terrain, &shown, &options);
+        let hash = self.transaction.write("preview.png", |file| {
+            let png = preview::encode_png(&picture).map_err(std::io::Error::other)?;
+            std::io::Write::write_all(file, &png)
+        })?;
         self.files.insert("preview.png".to_owned(), hash);
         stage.advance(1);
         Ok(())
     }
 }
 
-struct Temperature<'a>(&'a AbioticMaps);
+struct Temperature<'a>(&'a MonthlyTemperature);
 
 impl BandSource for Temperature<'_> {
     fn read(&self, band: usize, row: usize, first_col: usize, values: &mut [f32]) {
-        let temperature = &self.0.temperature_c;
-        let first = row * temperature.elevation_m().frame().cols + first_col;
+        let first = row * self.0.elevation_m().frame().cols + first_col;
         for (index, value) in (first..).zip(values) {
-            *value = temperature.at(band, index);
+            *value = self.0.at(band, index);
         }
     }
 }
 
 fn month_bands(unit: &str) -> Vec<Band> {
-    MONTH_NAMES.iter().map(|name| Band { name: (*name).to_owned(), unit: unit.to_owned() }).collect()
+    MONTH_NAMES
+        .iter()
+        .map(|name| Band { name: (*name).to_owned(), unit: unit.to_owned() })
+        .collect()
 }
 
 /// Mean over valid cells.

@@ -51,4 +51,3 @@ impl std::fmt::Display for MapWindow {
         write!(f, "{:.1},{:.1},{:.1},{:.1}", self.west, self.south, self.east, self.north)
     }
 }
-

@@ -48,9 +48,13 @@ pub fn run(
         max_cells: params.max_cells,
         ..CloudParams::default()
     };
-    let surfaces =
-        point_cloud::surfaces(&cloud.to_metres(horizontal, vertical), Crs::Local, &surface_params, reporter)
-            .map_err(|source| ImportError::Cloud { path: path.to_path_buf(), source })?;
+    let surfaces = point_cloud::surfaces(
+        &cloud.to_metres(horizontal, vertical),
+        Crs::Local,
+        &surface_params,
+        reporter,
+    )
+    .map_err(|source| ImportError::Cloud { path: path.to_path_buf(), source })?;
 
     // The surfaces as rasters of the cloud's own CRS, heights in metres
     let raster = |surface: Grid<f32>| source_raster(surface, &crs, horizontal);
@@ -129,14 +133,17 @@ mod tests {
     /// Ground on a slope with one tree, in the unit given, in `crs`.
     fn cloud(crs: Option<Crs>, origin: [f64; 2], unit: LengthUnit) -> PointCloud {
         let axis = |offset| Quantization { scale: 0.001, offset };
-        let mut cloud = PointCloud::new([axis(origin[0]), axis(origin[1]), axis(0.0)]);
-        cloud.crs = crs;
+        let mut cloud = PointCloud::new([axis(origin[0]), axis(origin[1]), axis(0.0)], crs, None);
         for i in 0..120 {
             for j in 0..120 {
                 let (x_m, y_m) = (f64::from(i) * 0.5, f64::from(j) * 0.5);
                 let ground_m = 100.0 + 0.1 * x_m;
                 let place = |z_m: f64| {
-                    [origin[0] + x_m / unit.metres(), origin[1] + y_m / unit.metres(), z_m / unit.metres()]
+                    [
+                        origin[0] + x_m / unit.metres(),
+                        origin[1] + y_m / unit.metres(),
+                        z_m / unit.metres(),
+                    ]
                 };
                 cloud.push(place(ground_m), 2);
                 if (x_m - 30.0).abs() < 3.0 && (y_m - 30.0).abs() < 3.0 {
@@ -163,14 +170,19 @@ mod tests {
 
     #[test]
     fn a_metric_cloud_keeps_its_crs() {
-        let imported = import(cloud(Some(Crs::Epsg(32610)), [500_000.0, 4_200_000.0], LengthUnit::Metre));
+        let imported =
+            import(cloud(Some(Crs::Epsg(32610)), [500_000.0, 4_200_000.0], LengthUnit::Metre));
         check(&imported);
         assert_eq!(imported.terrain.elevation_m.frame().crs, Crs::Epsg(32610));
     }
 
     #[test]
     fn a_cloud_in_survey_feet_comes_to_its_utm_zone_in_metres() {
-        let imported = import(cloud(Some(Crs::Epsg(2227)), [6_000_000.0, 2_100_000.0], LengthUnit::UsSurveyFoot));
+        let imported = import(cloud(
+            Some(Crs::Epsg(2227)),
+            [6_000_000.0, 2_100_000.0],
+            LengthUnit::UsSurveyFoot,
+        ));
         check(&imported);
         assert_eq!(imported.terrain.elevation_m.frame().crs, Crs::Epsg(32610));
     }
@@ -186,7 +198,8 @@ mod tests {
     #[test]
     fn a_cloud_in_degrees_is_refused() {
         let cloud = cloud(Some(Crs::Epsg(4326)), [10.0, 45.0], LengthUnit::Metre);
-        let error = run(cloud, Path::new("deg.laz"), &ImportParams::default(), None, &Reporter::silent());
+        let error =
+            run(cloud, Path::new("deg.laz"), &ImportParams::default(), None, &Reporter::silent());
         assert!(matches!(error, Err(ImportError::CloudInDegrees { .. })));
     }
 }

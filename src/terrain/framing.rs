@@ -4,7 +4,8 @@ use super::import::ImportError;
 use crate::raster::resample::CellPosition;
 use crate::raster::warp::{Target, map_coordinates, signed_cell_area};
 use crate::raster::{
-    Affine, Crs, CrsError, Frame, GeoTransform, MapWindow, Projection, Projector, SourceRaster, utm_zone_for,
+    Affine, Crs, CrsError, Frame, GeoTransform, MapWindow, Projection, Projector, SourceRaster,
+    utm_zone_for,
 };
 
 /// Size and place of a raster as its file has them.

@@ -1,19 +1,17 @@
 //! Rasters as files hold them become terrain: metric, north-up, square cells, voids handled.
 //!
 //! Order: units and plausible heights, tile by tile ([`heights`]); the scene's CRS and grid
-//! ([`framing`](super::framing)); tiles joined ([`mosaic`]), spikes replaced ([`spikes`]), put onto the
+//! ([`framing`](super::framing)); tiles joined ([`mosaic`](super::mosaic)), spikes replaced ([`spikes`](super::spikes)), put onto the
 //! grid by copying or resampling; holes filled ([`voids`]); latitude and true north.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::framing::{CellLattice, Lattice, Placement, lattice_of, target_of};
-use super::mosaic::{self, NamedRaster};
-use super::{Terrain, heights, spikes, voids};
+use super::framing::{CellLattice, Lattice, Placement};
+use super::mosaic::NamedRaster;
+use super::{Terrain, heights, onto_frame, point_cloud, voids};
 use crate::progress::{Cancelled, Reporter, Warning};
-use crate::raster::resample::{Kernel, Samples};
-use crate::raster::warp::{self, Source, Warped};
-use crate::raster::{Crs, CrsError, Frame, Grid, LengthUnit, MapWindow, Mask, Projection, SourceRaster};
+use crate::raster::{Crs, CrsError, Frame, Grid, LengthUnit, MapWindow, Mask, Projection};
 
 /// How heights are drawn where the scene's cells are not the file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -249,8 +247,7 @@ fn check_params(params: &ImportParams) -> Result<(), ImportError> {
         return wrong("cell width", cell_m.to_string(), "give metres from 0.05 to 1000");
     }
     if let Some(bbox) = params.bbox {
-        let finite =
-            [bbox.west, bbox.south, bbox.east, bbox.north].iter().all(|v| v.is_finite());
+        let finite = [bbox.west, bbox.south, bbox.east, bbox.north].iter().all(|v| v.is_finite());
         if !(finite && bbox.west < bbox.east && bbox.south < bbox.north) {
             return wrong(
                 "window",
@@ -555,12 +552,8 @@ mod tests {
 
     #[test]
     fn windows_and_cells_are_obeyed() {
-        let bbox = MapWindow {
-            west: 500_004.0,
-            south: 5_099_984.0,
-            east: 500_012.0,
-            north: 5_099_996.0,
-        };
+        let bbox =
+            MapWindow { west: 500_004.0, south: 5_099_984.0, east: 500_012.0, north: 5_099_996.0 };
         let params = ImportParams { bbox: Some(bbox), ..Default::default() };
         let tile = utm("a.tif");
         let terrain = import(vec![tile.clone()], &params).0.unwrap();

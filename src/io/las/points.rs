@@ -13,10 +13,10 @@ use laz::record::{
 use laz::{DecompressionSelection, LazItem, LazItemType, LazVlr};
 use rayon::prelude::*;
 
-use super::header::{Header, damaged, reading, truncated};
 use super::Columns;
-use crate::raster::MapWindow;
+use super::header::{Header, damaged, reading, truncated};
 use crate::io::{Limits, ParseError};
+use crate::raster::MapWindow;
 
 /// Most points a byte of LAZ may claim. chosen: real files need 15 bits a point and more;
 /// even a million copies of one point take more than one.

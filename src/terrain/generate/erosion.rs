@@ -17,6 +17,9 @@ use super::extent::Extent;
 /// four neighbours make the scheme stable up to ¼.
 const STABLE_SHARE: f32 = 0.2;
 
+/// Fewest explicit passes of a step: slopes near the critical one need them to shed what uplift brings.
+const MIN_PASSES: usize = 2;
+
 /// Raises `height_m` by uplift and lets rivers cut it, one implicit step of any length; outlets stay.
 /// What would stand steeper than `critical_slope` (rise over run, one a cell) above its receiver slides off.
 pub fn uplift_and_incise(
@@ -56,7 +59,8 @@ pub fn creep(
     let cell_m = extent.cell_m as f32;
     let total_share = diffusivity_m2 * duration / (cell_m * cell_m);
     // chosen: passes of half the stable share leave room for steep slopes to creep twice as fast
-    let passes = ((total_share / (0.5 * STABLE_SHARE)).ceil() as usize).clamp(1, max_passes);
+    let passes =
+        ((total_share / (0.5 * STABLE_SHARE)).ceil() as usize).clamp(MIN_PASSES, max_passes);
     let share = total_share / passes as f32;
     let per_critical = 1.0 / (critical_slope * cell_m);
     let mut next = vec![0.0_f32; height_m.len()];

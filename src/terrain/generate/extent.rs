@@ -55,26 +55,37 @@ impl Extent {
     }
 }
 
-/// Values of an extent, interpolated bilinearly onto its [`Extent::halved`].
-pub fn upsample(values: &[f32], extent: &Extent) -> Vec<f32> {
+/// Values of an extent, interpolated bilinearly onto its [`Extent::halved`], each fine cell's drawn from a place
+/// shifted by so many coarse cells east and north.
+pub fn upsample_bent(
+    values: &[f32],
+    extent: &Extent,
+    shift_east_cells: &[f32],
+    shift_north_cells: &[f32],
+) -> Vec<f32> {
     let fine = extent.halved();
     super::noise::by_rows(&fine, |row, out| {
-        let (near_row, far_row) = near_and_far(row, extent.rows);
-        let near = &values[near_row * extent.cols..][..extent.cols];
-        let far = &values[far_row * extent.cols..][..extent.cols];
         for (col, value) in out.iter_mut().enumerate() {
-            let (near_col, far_col) = near_and_far(col, extent.cols);
-            let across = |row: &[f32]| 0.75 * row[near_col] + 0.25 * row[far_col];
-            *value = 0.75 * across(near) + 0.25 * across(far);
+            let cell = row * fine.cols + col;
+            let x = (col as f32 - 0.5) / 2.0 + shift_east_cells[cell];
+            let y = (row as f32 - 0.5) / 2.0 - shift_north_cells[cell];
+            let (left, right, u) = between(x, extent.cols);
+            let (upper, lower, v) = between(y, extent.rows);
+            let across = |row: usize| {
+                let line = &values[row * extent.cols..][..extent.cols];
+                line[left] + u * (line[right] - line[left])
+            };
+            let (above, below) = (across(upper), across(lower));
+            *value = above + v * (below - above);
         }
     })
 }
 
-/// The coarse line that holds a fine one, and the coarse line next nearest to it.
-fn near_and_far(fine: usize, coarse_count: usize) -> (usize, usize) {
-    let near = fine / 2;
-    let far = if fine % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(coarse_count - 1) };
-    (near, far)
+/// The lines on both sides of a place counted in line centres, and how far it lies from the first to the second.
+fn between(place: f32, count: usize) -> (usize, usize, f32) {
+    let place = place.clamp(0.0, (count - 1) as f32);
+    let first = place as usize;
+    (first, (first + 1).min(count - 1), place - first as f32)
 }
 
 #[cfg(test)]
@@ -88,13 +99,25 @@ mod tests {
             (2.0 * e.center_east_m(col) - 3.0 * e.center_north_m(row)) as f32
         };
         let values: Vec<f32> = (0..30).map(|i| plane(&coarse, i / 6, i % 6)).collect();
-        let (fine, result) = (coarse.halved(), upsample(&values, &coarse));
+        let (fine, result) =
+            (coarse.halved(), upsample_bent(&values, &coarse, &[0.0; 120], &[0.0; 120]));
         for row in 1..9 {
             for col in 1..11 {
                 let (a, b) = (result[row * 12 + col], plane(&fine, row, col));
                 assert!((a - b).abs() < 1e-4, "({row}, {col}): {a} {b}");
             }
         }
+    }
+
+    #[test]
+    fn shifts_draw_from_the_east_and_the_north() {
+        let coarse = Extent { rows: 6, cols: 6, cell_m: 2.0, west_m: 0.0, north_m: 12.0 };
+        let values: Vec<f32> = (0..36).map(|i| (i % 6) as f32 + 10.0 * (i / 6) as f32).collect();
+        let at = |east: f32, north: f32| {
+            upsample_bent(&values, &coarse, &[east; 144], &[north; 144])[5 * 12 + 5]
+        };
+        assert!((at(1.0, 0.0) - at(0.0, 0.0) - 1.0).abs() < 1e-4);
+        assert!((at(0.0, 1.0) - at(0.0, 0.0) + 10.0).abs() < 1e-4);
     }
 
     #[test]

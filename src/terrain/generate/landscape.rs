@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::drainage::Drainage;
-use super::extent::{Extent, upsample};
+use super::extent::{Extent, upsample_bent};
 use super::noise::{Noise, by_rows};
 use super::{GenerateParams, erosion, valley};
 use crate::math::{exp, sin, smoothstep};
@@ -20,6 +20,8 @@ enum Field {
     Texture = 4,
     Bends = 5,
     Rock = 6,
+    BendEast = 7,
+    BendNorth = 8,
 }
 
 /// Ground around the map that is worked and then cut off, as a share of the map's shorter side:
@@ -36,6 +38,11 @@ const RIDGE_WAVELENGTH_FRACTION: f64 = 0.8;
 const CREEP_LENGTH_M: f32 = 9.0;
 /// Slope at which ground slides (rise over run), 31°; friction of loose rock and soil lies at 30–40°.
 const CRITICAL_SLOPE: f32 = 0.6;
+
+/// Largest shift of ground as a level is refined, in its coarse cells; chosen: about what eight directions lack.
+const BEND_CELLS: f32 = 1.1;
+/// Wavelength of those bends in coarse cells; chosen: at five cells and more the ground does not fold.
+const BEND_WAVELENGTH_CELLS: f64 = 7.0;
 
 /// Steps of erosion at a level: many where cells are few.
 fn steps_at(levels_to_go: usize) -> (usize, f32) {
@@ -111,7 +118,15 @@ pub fn heights_m(params: &GenerateParams, reporter: &Reporter) -> Result<Vec<f32
         height_m.par_iter_mut().for_each(|z| *z *= correction);
         uplift_scale_m *= correction.clamp(0.5, 2.0);
         if level < levels {
-            height_m = upsample(&height_m, &extent);
+            // valleys found on coarse cells run along the grid's eight directions: bend the ground as it is refined
+            let fine = extent.halved();
+            let wavelength_m = BEND_WAVELENGTH_CELLS * extent.cell_m;
+            let [mut east, mut north] = [Field::BendEast, Field::BendNorth].map(|field| {
+                let noise = Noise { seed: params.seed, field: field as u8 };
+                noise.gradient(level as u16, wavelength_m, &fine)
+            });
+            east.iter_mut().chain(&mut north).for_each(|shift| *shift *= BEND_CELLS);
+            height_m = upsample_bent(&height_m, &extent, &east, &north);
             extent = extent.halved();
         }
         stage.advance(1);

@@ -1,0 +1,162 @@
+//! A sheet of pixels: fills, strokes and blending.
+
+use image::{Rgb as Pixel, RgbImage};
+
+use super::ramp::Rgb;
+
+/// A picture under way.
+pub struct Canvas {
+    image: RgbImage,
+}
+
+/// A rectangle of whole pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rect {
+    /// Left edge.
+    pub x: u32,
+    /// Upper edge.
+    pub y: u32,
+    /// Width.
+    pub width: u32,
+    /// Height.
+    pub height: u32,
+}
+
+impl Rect {
+    /// First column to the right.
+    pub fn right(&self) -> u32 {
+        self.x + self.width
+    }
+
+    /// First row below.
+    pub fn bottom(&self) -> u32 {
+        self.y + self.height
+    }
+}
+
+/// Mixes two sRGB channels 0..=255 in light, not in code values: gamma 2, close to sRGB's and exact to compute.
+pub fn mix_light(below: f32, above: f32, alpha: f32) -> f32 {
+    (below * below + alpha * (above * above - below * below)).max(0.0).sqrt()
+}
+
+impl Canvas {
+    /// A sheet of one colour.
+    pub fn new(width: u32, height: u32, color: Rgb) -> Self {
+        Self { image: RgbImage::from_pixel(width, height, Pixel(color)) }
+    }
+
+    /// The picture so far.
+    pub fn image(&self) -> &RgbImage {
+        &self.image
+    }
+
+    /// The finished picture.
+    pub fn into_image(self) -> RgbImage {
+        self.image
+    }
+
+    /// Lays a colour over a pixel; outside nothing happens.
+    pub fn blend(&mut self, x: i64, y: i64, color: Rgb, alpha: f32) {
+        let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else { return };
+        if let Some(pixel) = self.image.get_pixel_mut_checked(x, y) {
+            for (below, above) in pixel.0.iter_mut().zip(color) {
+                let mixed = mix_light(f32::from(*below), f32::from(above), alpha.clamp(0.0, 1.0));
+                *below = (mixed + 0.5) as u8; // within 0..=255
+            }
+        }
+    }
+
+    /// Fills a rectangle with what `color` gives for each of its pixels, counted from its corner.
+    pub fn paint(&mut self, rect: Rect, color: impl Fn(u32, u32) -> Rgb) {
+        for y in 0..rect.height {
+            for x in 0..rect.width {
+                if let Some(pixel) = self.image.get_pixel_mut_checked(rect.x + x, rect.y + y) {
+                    *pixel = Pixel(color(x, y));
+                }
+            }
+        }
+    }
+
+    /// A line one pixel wide around a rectangle, outside it.
+    pub fn frame(&mut self, rect: Rect, color: Rgb) {
+        let (x0, y0) = (i64::from(rect.x) - 1, i64::from(rect.y) - 1);
+        let (x1, y1) = (i64::from(rect.right()), i64::from(rect.bottom()));
+        for x in x0..=x1 {
+            self.blend(x, y0, color, 1.0);
+            self.blend(x, y1, color, 1.0);
+        }
+        for y in y0 + 1..y1 {
+            self.blend(x0, y, color, 1.0);
+            self.blend(x1, y, color, 1.0);
+        }
+    }
+
+    /// A filled convex polygon of corners in order, anti-aliased by sixteen samples a pixel.
+    pub fn polygon(&mut self, corners: &[[f32; 2]], color: Rgb) {
+        let bound = |axis: usize, pick: fn(f32, f32) -> f32, start: f32| {
+            corners.iter().map(|c| c[axis]).fold(start, pick)
+        };
+        let (left, right) = (bound(0, f32::min, f32::MAX), bound(0, f32::max, f32::MIN));
+        let (top, bottom) = (bound(1, f32::min, f32::MAX), bound(1, f32::max, f32::MIN));
+        for y in top.floor() as i64..=bottom.ceil() as i64 {
+            for x in left.floor() as i64..=right.ceil() as i64 {
+                let inside = (0..16)
+                    .filter(|s| {
+                        let px = x as f32 + ((s % 4) as f32 + 0.5) / 4.0;
+                        let py = y as f32 + ((s / 4) as f32 + 0.5) / 4.0;
+                        contains(corners, px, py)
+                    })
+                    .count();
+                if inside > 0 {
+                    self.blend(x, y, color, inside as f32 / 16.0);
+                }
+            }
+        }
+    }
+}
+
+/// Whether a convex polygon holds a point: all edges see it on one side.
+fn contains(corners: &[[f32; 2]], x: f32, y: f32) -> bool {
+    let sides = corners
+        .iter()
+        .zip(corners.iter().cycle().skip(1))
+        .map(|([ax, ay], [bx, by])| (bx - ax) * (y - ay) - (by - ay) * (x - ax));
+    let (mut left, mut right) = (true, true);
+    for side in sides {
+        left &= side >= 0.0;
+        right &= side <= 0.0;
+    }
+    left || right
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blending_ends_at_the_colours_and_mixes_light_between() {
+        assert_eq!(mix_light(40.0, 200.0, 0.0), 40.0);
+        assert_eq!(mix_light(40.0, 200.0, 1.0), 200.0);
+        // half the light of white is brighter than half its code value
+        assert!((mix_light(0.0, 255.0, 0.5) - 180.3).abs() < 0.1);
+    }
+
+    #[test]
+    fn a_square_polygon_covers_its_area() {
+        let mut canvas = Canvas::new(10, 10, [255; 3]);
+        canvas.polygon(&[[2.0, 2.0], [6.5, 2.0], [6.5, 5.0], [2.0, 5.0]], [0; 3]);
+        let full = canvas.image().pixels().filter(|p| p.0 == [0; 3]).count();
+        let part = canvas.image().pixels().filter(|p| p.0 != [0; 3] && p.0 != [255; 3]).count();
+        assert_eq!((full, part), (12, 3));
+    }
+
+    #[test]
+    fn drawing_outside_is_harmless() {
+        let mut canvas = Canvas::new(4, 4, [9; 3]);
+        canvas.blend(-1, 2, [0; 3], 1.0);
+        canvas.frame(Rect { x: 0, y: 0, width: 4, height: 4 }, [0; 3]);
+        canvas.paint(Rect { x: 3, y: 3, width: 5, height: 5 }, |_, _| [1; 3]);
+        assert_eq!(canvas.image().get_pixel(0, 0).0, [9; 3]);
+        assert_eq!(canvas.image().get_pixel(3, 3).0, [1; 3]);
+    }
+}

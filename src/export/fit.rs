@@ -1,0 +1,131 @@
+//! Rasters brought to a picture's size: averaged where cells are smaller than pixels, smoothly drawn out where larger.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use crate::raster::{Frame, GeoTransform, Grid, Mask};
+
+/// Pixels whose cells are masked by more than this share are void.
+const LEAST_VALID_FRACTION: f32 = 0.5;
+
+/// The cells one row or column of pixels draws on.
+struct Taps {
+    first: usize,
+    weights: Vec<f32>,
+}
+
+/// A raster in `rows` × `cols` pixels over the same ground.
+/// Downwards a tent filter as wide as needed to see every cell; upwards a cubic B-spline, which shades without creases.
+/// Masked cells do not count; a pixel is valid where half of what it sees is.
+pub fn fit(grid: &Grid<f32>, rows: usize, cols: usize) -> Grid<f32> {
+    let frame = grid.frame();
+    assert!(rows > 0 && cols > 0 && !frame.is_empty(), "nothing to draw or nowhere to draw it");
+    let row_taps: Vec<Taps> = (0..rows).map(|r| taps(r, frame.rows, rows)).collect();
+    let col_taps: Vec<Taps> = (0..cols).map(|c| taps(c, frame.cols, cols)).collect();
+    let mask = grid.mask().as_slice();
+    let all_valid = grid.mask().is_all_valid();
+
+    let mut values = vec![0.0_f32; rows * cols];
+    let mut valid = vec![true; rows * cols];
+    values.par_chunks_mut(cols).zip(valid.par_chunks_mut(cols)).zip(&row_taps).for_each_init(
+        || (vec![0.0_f32; frame.cols], vec![0.0_f32; frame.cols]),
+        |(sums, seen), ((values, valid), taps)| {
+            sums.fill(0.0);
+            seen.fill(if all_valid { 1.0 } else { 0.0 });
+            for (row, weight) in (taps.first..).zip(&taps.weights) {
+                let line = grid.row(row);
+                if all_valid {
+                    sums.iter_mut().zip(line).for_each(|(s, z)| *s += weight * z);
+                } else {
+                    let flags = &mask[row * frame.cols..][..frame.cols];
+                    for (((s, n), z), &is_valid) in
+                        sums.iter_mut().zip(&mut *seen).zip(line).zip(flags)
+                    {
+                        if is_valid {
+                            *s += weight * z;
+                            *n += weight;
+                        }
+                    }
+                }
+            }
+            for ((value, valid), taps) in values.iter_mut().zip(valid).zip(&col_taps) {
+                let (mut sum, mut total) = (0.0, 0.0);
+                for (col, weight) in (taps.first..).zip(&taps.weights) {
+                    sum += weight * sums[col];
+                    total += weight * seen[col];
+                }
+                *valid = total >= LEAST_VALID_FRACTION;
+                *value = if total > 1e-6 { sum / total } else { 0.0 };
+            }
+        },
+    );
+    let t = frame.transform;
+    // pixels are square on sheets; where a strip is one pixel thick its shading does not show
+    let cell_m = t.cell_m * frame.cols as f64 / cols as f64;
+    let fitted =
+        Frame { rows, cols, transform: GeoTransform { cell_m, ..t }, crs: frame.crs.clone() };
+    Grid::new(Arc::new(fitted), Arc::new(Mask::new(valid)), values)
+}
+
+fn taps(pixel: usize, cells: usize, pixels: usize) -> Taps {
+    let ratio = cells as f64 / pixels as f64;
+    // the pixel's centre, counted in cell centres
+    let center = (pixel as f64 + 0.5) * ratio - 0.5;
+    let radius = if ratio >= 1.0 { ratio } else { 2.0 };
+    let last = cells as i64 - 1;
+    let (from, to) = ((center - radius).ceil() as i64, (center + radius).floor() as i64);
+    let first = from.clamp(0, last);
+    let mut weights = vec![0.0_f64; (to.clamp(0, last) - first + 1) as usize]; // to ≥ from
+    for cell in from..=to {
+        let d = (cell as f64 - center).abs();
+        let weight = if ratio >= 1.0 { (1.0 - d / ratio).max(0.0) } else { cubic_b_spline(d) };
+        // beyond the edge the edge goes on
+        weights[(cell.clamp(0, last) - first) as usize] += weight;
+    }
+    let total: f64 = weights.iter().sum();
+    Taps { first: first as usize, weights: weights.iter().map(|w| (w / total) as f32).collect() }
+}
+
+fn cubic_b_spline(d: f64) -> f64 {
+    if d < 1.0 {
+        2.0 / 3.0 - d * d + d * d * d / 2.0
+    } else {
+        let rest = (2.0 - d).max(0.0);
+        rest * rest * rest / 6.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_constant_stays_and_a_plane_keeps_its_tilt() {
+        for (rows, cols) in [(7, 11), (40, 66), (300, 280)] {
+            let level = fit(&Grid::from_fn(40, 66, 3.0, |_| 12.5), rows, cols);
+            assert!(level.values().iter().all(|v| (v - 12.5).abs() < 1e-4));
+        }
+        let plane = Grid::from_fn(64, 64, 2.0, |c| 3.0 * c.col as f32);
+        for size in [16, 160] {
+            let fitted = fit(&plane, size, size);
+            let (a, b) = (fitted.values()[size / 4], fitted.values()[3 * size / 4]);
+            assert!((b - a - 96.0).abs() < 1e-2, "{size}: {a} {b}");
+            assert!((fitted.frame().transform.cell_m * size as f64 - 128.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn masked_cells_do_not_bleed() {
+        let frame = Arc::new(Frame::local(20, 20, 1.0));
+        let valid: Vec<bool> = (0..400).map(|i| i % 20 < 10).collect();
+        let values = (0..400).map(|i| if i % 20 < 10 { 5.0 } else { 9999.0 }).collect();
+        let grid = Grid::new(frame, Arc::new(Mask::new(valid)), values);
+        for size in [8, 57] {
+            let fitted = fit(&grid, size, size);
+            assert!(fitted.valid_values().all(|v| (v - 5.0).abs() < 1e-4));
+            let share = fitted.mask().valid_count() as f64 / (size * size) as f64;
+            assert!((share - 0.5).abs() < 0.07, "{share}");
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! Pictures and files for others: one format a file.
+//!
+//! Reading order: [`preview`] (a map sheet as PNG), its parts [`layout`], [`relief`], [`ramp`], [`rivers`], [`scale`],
+//! [`fit`], and what draws: [`canvas`], [`lettering`].
+
+pub mod canvas;
+pub mod fit;
+pub mod layout;
+pub mod lettering;
+pub mod preview;
+pub mod ramp;
+pub mod relief;
+pub mod rivers;
+pub mod scale;

@@ -1,0 +1,463 @@
+//! A scene's map sheet: shaded relief, and small maps of what the site offers.
+
+use std::io::Cursor;
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ImageError, RgbImage};
+use rayon::prelude::*;
+
+use super::canvas::{Canvas, Rect, mix_light};
+use super::layout::{self, Sheet};
+use super::lettering::{Align, Lettering, Style};
+use super::ramp::{Ramp, Rgb, Spread};
+use super::{fit::fit, relief, rivers, scale};
+use crate::raster::{Crs, Frame, Grid};
+use crate::terrain::Terrain;
+
+const PAPER: Rgb = [250, 248, 243];
+const INK: Rgb = [38, 40, 44];
+const GREY_INK: Rgb = [104, 106, 108];
+const FRAME_INK: Rgb = [120, 118, 112];
+const WATER: Rgb = [52, 108, 158];
+const VOID: Rgb = [226, 228, 226];
+const VOID_HATCH: Rgb = [208, 211, 210];
+/// Colour of light on full lit slopes and in full shade, against flat ground's 1; warm light, cool shade.
+const LIT: [f32; 3] = [1.0, 0.985, 0.93];
+const SHADE: [f32; 3] = [0.27, 0.29, 0.38];
+
+const TITLE: Style = Style { size_px: 34.0, bold: true, color: INK };
+const SUBTITLE: Style = Style { size_px: 17.0, bold: false, color: GREY_INK };
+const CAPTION: Style = Style { size_px: 17.0, bold: true, color: INK };
+const UNIT: Style = Style { size_px: 14.0, bold: false, color: GREY_INK };
+const LABEL: Style = Style { size_px: 14.0, bold: false, color: INK };
+
+/// What the small maps show; what is missing is left out.
+#[derive(Clone, Debug, Default)]
+pub struct PreviewMaps<'a> {
+    /// Sunlight in hours a day, mean of the year.
+    pub sunlight_h: Option<Grid<f32>>,
+    /// Soil moisture in mm, mean of the year.
+    pub moisture_mm: Option<Grid<f32>>,
+    /// Temperature in °C, mean of the year.
+    pub temperature_c: Option<Grid<f32>>,
+    /// Slope in radians.
+    pub slope_rad: Option<Grid<f32>>,
+    /// Discharge in m³/s, mean of the year; drawn as rivers on the large map.
+    pub discharge_m3_s: Option<Grid<f32>>,
+    /// Cells that are river; without it the largest discharges are drawn.
+    pub river: Option<&'a [bool]>,
+}
+
+/// What a sheet says beside its maps.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PreviewOptions {
+    /// The scene's name, the sheet's title.
+    pub title: String,
+}
+
+impl Default for PreviewOptions {
+    fn default() -> Self {
+        Self { title: "Terrain".to_owned() }
+    }
+}
+
+/// One composed picture, 1600 × 1100 pixels for a square tile, other shapes for others.
+/// The same picture for the same input on every machine.
+///
+/// # Panics
+/// If the terrain or a map has no cells.
+pub fn preview(terrain: &Terrain, maps: &PreviewMaps<'_>, options: &PreviewOptions) -> RgbImage {
+    let elevation = &terrain.elevation_m;
+    let frame = elevation.frame();
+    let panels = panels(maps);
+    let sheet = layout::arrange(frame.cols as f64 / frame.rows as f64, panels.len());
+    let mut pen = Pen {
+        canvas: Canvas::new(sheet.width, sheet.height, PAPER),
+        lettering: Lettering::default(),
+    };
+
+    pen.heading(&sheet, frame, options);
+    let elevation_range = pen.large_map(sheet.map, elevation, maps);
+    pen.footer(&sheet, frame, elevation_range);
+    if let Some(first) = sheet.panels.first() {
+        let ground = Ground::of(elevation, *first);
+        for (rect, panel) in sheet.panels.iter().zip(&panels) {
+            pen.small_map(*rect, panel, &ground);
+        }
+    }
+    pen.canvas.into_image()
+}
+
+/// A picture as PNG.
+///
+/// # Errors
+/// Where the encoder fails, which it does only for lack of memory.
+pub fn encode_png(picture: &RgbImage) -> Result<Vec<u8>, ImageError> {
+    let mut bytes = Vec::new();
+    let encoder = PngEncoder::new_with_quality(
+        Cursor::new(&mut bytes),
+        CompressionType::Fast,
+        FilterType::Adaptive,
+    );
+    picture.write_with_encoder(encoder)?;
+    Ok(bytes)
+}
+
+/// A small map.
+struct Panel<'a> {
+    title: &'static str,
+    unit: &'static str,
+    grid: &'a Grid<f32>,
+    ramp: Ramp,
+    /// From the grid's unit to the unit shown.
+    to_shown: f32,
+}
+
+fn panels<'a>(maps: &'a PreviewMaps<'_>) -> Vec<Panel<'a>> {
+    let degrees = 1_f32.to_degrees();
+    let all = [
+        (&maps.sunlight_h, "Sunlight", "h/day, yearly mean", Ramp::SUNLIGHT, 1.0),
+        (&maps.moisture_mm, "Soil moisture", "mm, yearly mean", Ramp::MOISTURE, 1.0),
+        (&maps.temperature_c, "Temperature", "°C, yearly mean", Ramp::TEMPERATURE, 1.0),
+        (&maps.slope_rad, "Slope", "degrees", Ramp::SLOPE, degrees),
+    ];
+    let panel = |(grid, title, unit, ramp, to_shown): (&'a Option<Grid<f32>>, _, _, _, _)| {
+        grid.as_ref().map(|grid| Panel { title, unit, grid, ramp, to_shown })
+    };
+    all.into_iter().filter_map(panel).collect()
+}
+
+/// Terrain at a map's pixels, and its light.
+struct Ground {
+    elevation_m: Grid<f32>,
+    /// Light against flat ground's: −1 full shade, 0 flat, 1 full light.
+    light: Vec<f32>,
+}
+
+impl Ground {
+    fn of(elevation_m: &Grid<f32>, rect: Rect) -> Self {
+        let (rows, cols) = (rect.height as usize, rect.width as usize);
+        let fitted = fit(elevation_m, rows, cols);
+        let exaggeration = relief::fitting_exaggeration(&fitted);
+        let shade = relief::soft_hillshade(&fitted, exaggeration);
+        let flat = std::f32::consts::FRAC_1_SQRT_2;
+
+        // hollows a little darker, heights a little lighter, as under an open sky
+        let broad_cells = (rows.min(cols) / 14).max(1);
+        let broad =
+            fit(&fit(&fitted, rows.div_ceil(broad_cells), cols.div_ceil(broad_cells)), rows, cols);
+        let rise: Vec<f32> =
+            fitted.values().iter().zip(broad.values()).map(|(z, mean)| z - mean).collect();
+        let valid = fitted.mask().as_slice();
+        let squares: f64 =
+            rise.iter().zip(valid).filter(|(_, v)| **v).map(|(r, _)| f64::from(r * r)).sum();
+        let spread = (squares / fitted.mask().valid_count().max(1) as f64).sqrt() as f32;
+        let per_rise = 0.5 / spread.max(1e-6);
+        let light = shade
+            .values()
+            .par_iter()
+            .zip(&rise)
+            .map(|(&s, r)| {
+                let lamp = if s < flat { s / flat - 1.0 } else { (s - flat) / (1.0 - flat) };
+                (lamp + 0.16 * (r * per_rise).clamp(-1.0, 1.0)).clamp(-1.0, 1.0)
+            })
+            .collect();
+        Self { elevation_m: fitted, light }
+    }
+}
+
+/// A surface colour under light of −1..=1.
+fn lit(color: [f32; 3], light: f32, strength: f32) -> [f32; 3] {
+    std::array::from_fn(|channel| {
+        if light < 0.0 {
+            // shade deepens slowly at first: most slopes keep their colour
+            let depth = -light * strength;
+            color[channel] * (1.0 + depth * (SHADE[channel] - 1.0))
+        } else {
+            mix_light(color[channel], 255.0 * LIT[channel], 0.38 * light * strength)
+        }
+    })
+}
+
+fn rounded(color: [f32; 3]) -> Rgb {
+    color.map(|c| (c + 0.5) as u8) // `as` holds it within 0..=255
+}
+
+fn void_color(x: usize, y: usize) -> Rgb {
+    if (x + y) % 9 == 0 { VOID_HATCH } else { VOID }
+}
+
+/// Draws a sheet's parts.
+struct Pen {
+    canvas: Canvas,
+    lettering: Lettering,
+}
+
+impl Pen {
+    fn text(&mut self, x: u32, y: u32, align: Align, text: &str, style: Style) {
+        self.lettering.draw(&mut self.canvas, x as f32, y as f32, align, text, style);
+    }
+
+    fn heading(&mut self, sheet: &Sheet, frame: &Frame, options: &PreviewOptions) {
+        let room = (sheet.width - 2 * layout::MARGIN_PX) as f32;
+        let title = self.lettering.shortened(&options.title, TITLE, room);
+        let facts = self.lettering.shortened(&facts(frame), SUBTITLE, room);
+        let (x, y) = (layout::MARGIN_PX, layout::MARGIN_PX);
+        self.text(x, y + 26, Align::Left, &title, TITLE);
+        self.text(x, y + 57, Align::Left, &facts, SUBTITLE);
+    }
+
+    /// Draws the large map; gives the range of elevations it shows.
+    fn large_map(
+        &mut self,
+        rect: Rect,
+        elevation_m: &Grid<f32>,
+        maps: &PreviewMaps<'_>,
+    ) -> Option<Spread> {
+        let (rows, cols) = (rect.height as usize, rect.width as usize);
+        let ground = Ground::of(elevation_m, rect);
+        let range = ground.elevation_m.range().map(|(low, high)| Spread { low, high });
+        let river = maps
+            .discharge_m3_s
+            .as_ref()
+            .map(|discharge| rivers::coverage(discharge, maps.river, rows, cols));
+        let place = |z: f32| range.map_or(0.5, |r| r.place(z));
+        let color = |pixel: usize| {
+            if !ground.elevation_m.mask().is_valid(pixel) {
+                return void_color(pixel % cols, pixel / cols);
+            }
+            let tint = Ramp::ELEVATION.color(place(ground.elevation_m.values()[pixel]));
+            let land = lit(tint, ground.light[pixel], 1.0);
+            let water = river.as_ref().map_or(0.0, |r| r[pixel]);
+            rounded(std::array::from_fn(|c| mix_light(land[c], f32::from(WATER[c]), water)))
+        };
+        let pixels: Vec<Rgb> = (0..rows * cols).into_par_iter().map(color).collect();
+        self.canvas.paint(rect, |x, y| pixels[y as usize * cols + x as usize]);
+        self.canvas.frame(rect, FRAME_INK);
+        range
+    }
+
+    fn small_map(&mut self, rect: Rect, panel: &Panel<'_>, ground: &Ground) {
+        let (rows, cols) = (rect.height as usize, rect.width as usize);
+        let mut shown = fit(panel.grid, rows, cols);
+        shown.values_mut().iter_mut().for_each(|v| *v *= panel.to_shown);
+        let spread = Spread::robust(shown.valid_values().copied());
+        let color = |pixel: usize| match spread {
+            Some(spread) if shown.mask().is_valid(pixel) => {
+                let tint = panel.ramp.color(spread.place(shown.values()[pixel]));
+                rounded(lit(tint, ground.light[pixel], 0.5))
+            }
+            _ => void_color(pixel % cols, pixel / cols),
+        };
+        let pixels: Vec<Rgb> = (0..rows * cols).into_par_iter().map(color).collect();
+        self.canvas.paint(rect, |x, y| pixels[y as usize * cols + x as usize]);
+        self.canvas.frame(rect, FRAME_INK);
+
+        self.text(rect.x, rect.y - 10, Align::Left, panel.title, CAPTION);
+        let after = rect.x + self.lettering.width_px(panel.title, CAPTION) as u32 + 9;
+        self.text(after, rect.y - 10, Align::Left, panel.unit, UNIT);
+        let Some(spread) = spread else { return };
+        let bar =
+            Rect { x: rect.x, y: rect.bottom() + 9, width: rect.width.clamp(120, 420), height: 10 };
+        self.ramp(bar, panel.ramp);
+        let decimals = decimals_for(spread);
+        let low = scale::trimmed(f64::from(spread.low), decimals);
+        let high = scale::trimmed(f64::from(spread.high), decimals);
+        self.text(bar.x, bar.bottom() + 18, Align::Left, &low, LABEL);
+        self.text(bar.right(), bar.bottom() + 18, Align::Right, &high, LABEL);
+    }
+
+    fn ramp(&mut self, bar: Rect, ramp: Ramp) {
+        let last = (bar.width - 1).max(1) as f32;
+        self.canvas.paint(bar, |x, _| rounded(ramp.color(x as f32 / last)));
+        self.canvas.frame(bar, FRAME_INK);
+    }
+
+    fn footer(&mut self, sheet: &Sheet, frame: &Frame, elevation_m: Option<Spread>) {
+        let (x, y) = (sheet.footer.x, sheet.footer.y);
+        // scale bar
+        let m_per_px = frame.cols as f64 * frame.transform.cell_m / f64::from(sheet.map.width);
+        let length_m = scale::round_down(260.0 * m_per_px);
+        let length_px = length_m / m_per_px;
+        let bar = Rect { x, y: y + 34, width: length_px.round() as u32, height: 8 };
+        let quarter = (f64::from(bar.width) / 4.0).max(1.0);
+        self.canvas.paint(bar, |px, _| {
+            // four fields, dark and light in turn
+            if (f64::from(px) / quarter) as u32 % 2 == 0 { INK } else { PAPER }
+        });
+        self.canvas.frame(bar, INK);
+        let label = scale::length_label(length_m);
+        self.text(x, y + 24, Align::Left, "0", LABEL);
+        self.text(bar.right(), y + 24, Align::Center, &label, LABEL);
+
+        self.north_arrow((x + 345) as f32, (y + 8) as f32);
+        if let Some(range) = elevation_m {
+            self.elevation_legend(x + 430, y, range);
+        }
+        self.text(
+            sheet.footer.right(),
+            sheet.footer.y + 62,
+            Align::Right,
+            "wildwood",
+            Style { size_px: 13.0, ..UNIT },
+        );
+    }
+
+    fn north_arrow(&mut self, x: f32, y: f32) {
+        let (tip, foot, notch) = ([x, y], y + 38.0, [x, y + 29.0]);
+        self.canvas.polygon(&[tip, [x + 11.0, foot], notch], GREY_INK);
+        self.canvas.polygon(&[tip, notch, [x - 11.0, foot]], INK);
+        let style = Style { bold: true, ..LABEL };
+        self.lettering.draw(&mut self.canvas, x, y + 56.0, Align::Center, "N", style);
+    }
+
+    fn elevation_legend(&mut self, x: u32, y: u32, range: Spread) {
+        self.text(x, y + 24, Align::Left, "Elevation", CAPTION);
+        let after = x + self.lettering.width_px("Elevation", CAPTION) as u32 + 9;
+        self.text(after, y + 24, Align::Left, "metres above sea level", UNIT);
+        let bar = Rect { x, y: y + 34, width: 360, height: 12 };
+        self.ramp(bar, Ramp::ELEVATION);
+        let (low, high) = (f64::from(range.low), f64::from(range.high));
+        let ticks = scale::ticks(low, high, 6);
+        let decimals = decimals_for(range);
+        for tick in ticks {
+            let at = bar.x + ((tick - low) / (high - low) * f64::from(bar.width)).round() as u32;
+            for down in 0..5 {
+                self.canvas.blend(i64::from(at), i64::from(bar.bottom() + down), INK, 1.0);
+            }
+            let label = scale::trimmed(tick, decimals);
+            self.text(at, bar.bottom() + 20, Align::Center, &label, LABEL);
+        }
+    }
+}
+
+/// Decimals that tell the ends of a range apart in about three digits.
+fn decimals_for(range: Spread) -> usize {
+    match range.high - range.low {
+        span if span >= 20.0 => 0,
+        span if span >= 1.0 => 1,
+        span if span >= 0.1 => 2,
+        _ => 3,
+    }
+}
+
+fn facts(frame: &Frame) -> String {
+    let t = frame.transform;
+    let crs = match &frame.crs {
+        Crs::Epsg(code) => format!("EPSG:{code}"),
+        Crs::Local => "local metres".to_owned(),
+        Crs::Proj(_) => "own projection".to_owned(),
+    };
+    let (width_m, height_m) = (frame.cols as f64 * t.cell_m, frame.rows as f64 * t.cell_m);
+    let mut text = format!(
+        "{} × {}   ·   {} × {} cells of {}   ·   {crs}",
+        scale::length_label(width_m),
+        scale::length_label(height_m),
+        frame.cols,
+        frame.rows,
+        scale::length_label(t.cell_m),
+    );
+    if frame.crs != Crs::Local {
+        text += &format!(
+            "   ·   E {:.0}–{:.0}, N {:.0}–{:.0}",
+            t.west_m,
+            t.west_m + width_m,
+            t.north_m - height_m,
+            t.north_m
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::raster::Mask;
+
+    fn hills(rows: usize, cols: usize) -> Terrain {
+        let elevation_m = Grid::from_fn(rows, cols, 2.0, |c| {
+            let (x, y) = (c.col as f32 / 12.0, c.row as f32 / 9.0);
+            300.0 + 20.0 * crate::math::sin(x) * crate::math::cos(y) + y
+        });
+        Terrain { elevation_m, latitude_rad: 0.7, grid_convergence_rad: 0.0 }
+    }
+
+    fn maps(terrain: &Terrain) -> PreviewMaps<'static> {
+        let z = &terrain.elevation_m;
+        let map =
+            |f: fn(f32) -> f32| Some(z.with_values(z.values().iter().map(|z| f(*z)).collect()));
+        PreviewMaps {
+            sunlight_h: map(|z| z / 30.0),
+            moisture_mm: map(|z| 900.0 - z),
+            temperature_c: map(|z| 12.0 - z * 0.0065),
+            slope_rad: map(|z| z / 900.0),
+            discharge_m3_s: map(|z| (330.0 - z).max(0.0)),
+            river: None,
+        }
+    }
+
+    #[test]
+    fn the_picture_is_the_same_for_any_number_of_threads() {
+        let terrain = hills(60, 80);
+        let pool = |n| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
+        let draw = || preview(&terrain, &maps(&terrain), &PreviewOptions::default());
+        assert!(pool(1).install(draw) == pool(3).install(draw));
+    }
+
+    #[test]
+    fn the_picture_has_content_and_png_keeps_it() {
+        let terrain = hills(60, 60);
+        let picture = preview(&terrain, &maps(&terrain), &PreviewOptions::default());
+        let colors: BTreeSet<[u8; 3]> = picture.pixels().map(|p| p.0).collect();
+        assert!(colors.len() > 2_000, "{} colours", colors.len());
+        let bytes = encode_png(&picture).unwrap();
+        let back = image::load_from_memory(&bytes).unwrap().into_rgb8();
+        assert!(back == picture);
+    }
+
+    #[test]
+    fn slopes_towards_the_light_are_brighter_on_the_map() {
+        let face = |sign: f32| {
+            let elevation_m = Grid::from_fn(40, 40, 1.0, |c| sign * 0.5 * (c.row + c.col) as f32);
+            Ground::of(&elevation_m, Rect { x: 0, y: 0, width: 40, height: 40 }).light[820]
+        };
+        assert!(face(1.0) > 0.3, "{}", face(1.0));
+        assert!(face(-1.0) < -0.3, "{}", face(-1.0));
+    }
+
+    #[test]
+    fn sheets_of_odd_shapes_and_missing_maps_are_drawn() {
+        for (rows, cols) in [(1, 1), (2, 2), (20, 20), (10, 200), (200, 10)] {
+            let terrain = hills(rows, cols);
+            for maps in [PreviewMaps::default(), maps(&terrain)] {
+                let picture = preview(&terrain, &maps, &PreviewOptions::default());
+                assert!(picture.width() >= 900 && picture.height() > 200);
+            }
+        }
+    }
+
+    #[test]
+    fn voids_are_pale_and_an_empty_map_is_no_trouble() {
+        let terrain = hills(40, 40);
+        let grid = &terrain.elevation_m;
+        let masked = |valid: Vec<bool>| Terrain {
+            elevation_m: Grid::new(
+                Arc::clone(grid.frame()),
+                Arc::new(Mask::new(valid)),
+                grid.values().to_vec(),
+            ),
+            ..terrain.clone()
+        };
+        let count = |t: &Terrain| {
+            let picture = preview(t, &PreviewMaps::default(), &PreviewOptions::default());
+            picture.pixels().filter(|p| p.0 == VOID || p.0 == VOID_HATCH).count()
+        };
+        let half = count(&masked((0..1600).map(|i| i % 40 < 20).collect()));
+        let all = count(&masked(vec![false; 1600]));
+        assert_eq!(all, 900 * 900);
+        assert!((half as f64 / all as f64 - 0.5).abs() < 0.03, "{half} of {all}");
+    }
+}
