@@ -137,12 +137,11 @@ pub(super) fn take_up(
 
     // What the land along each channel cell lacks
     let mut lacking_mm = vec![[0.0_f64; MONTHS]; channels.len()];
-    for index in 0..heights_m.len() {
-        if let Some((channel, weight)) = channel_and_weight(index) {
-            for (m, demand) in demand_mm(index).into_iter().enumerate() {
-                let missing_fraction = 1.0 - moisture_mm[m][index] / capacity_mm;
-                lacking_mm[channel][m] += f64::from(weight * demand * missing_fraction);
-            }
+    let banks = (0..heights_m.len()).filter_map(|index| Some((index, channel_and_weight(index)?)));
+    for (index, (channel, weight)) in banks {
+        for (m, demand) in demand_mm(index).into_iter().enumerate() {
+            let missing_fraction = 1.0 - moisture_mm[m][index] / capacity_mm;
+            lacking_mm[channel][m] += f64::from(weight * demand * missing_fraction);
         }
     }
 
@@ -160,7 +159,8 @@ pub(super) fn take_up(
 
 /// Serves every channel cell's want from its flow, never more than flows anywhere below it. Where water
 /// is short a cell takes of what reaches it only its part of all wants from there to the mouth, so
-/// that banks fare alike along a channel. Returns the share of each want that was met, and the total taken; lowers the channels' outflow.
+/// that banks fare alike along a channel. Lowers the channels' outflow; returns the share of each want
+/// that was met, and the total taken.
 fn share_out(
     channels: &mut [ChannelCell],
     wanted_mm: &[[f64; MONTHS]],
@@ -172,9 +172,7 @@ fn share_out(
     let mut inflow_mm = vec![[0.0_f64; MONTHS]; channels.len()];
     for (channel, receiver) in channels.iter().zip(&receivers) {
         if let Some(receiver) = *receiver {
-            for m in 0..MONTHS {
-                inflow_mm[receiver][m] += channel.outflow_mm[m];
-            }
+            add(&mut inflow_mm[receiver], &channel.outflow_mm);
         }
     }
     let mut allowed_mm = vec![[0.0_f64; MONTHS]; channels.len()];
@@ -194,9 +192,8 @@ fn share_out(
     let mut below_mm = wanted_mm.to_vec();
     for i in (0..channels.len()).rev() {
         if let Some(receiver) = receivers[i] {
-            for m in 0..MONTHS {
-                below_mm[i][m] += below_mm[receiver][m];
-            }
+            let from_there = below_mm[receiver];
+            add(&mut below_mm[i], &from_there);
         }
     }
 
@@ -222,6 +219,12 @@ fn share_out(
         }
     }
     (met_fraction, total_mm)
+}
+
+fn add(sum_mm: &mut [f64; MONTHS], more_mm: &[f64; MONTHS]) {
+    for (sum, more) in sum_mm.iter_mut().zip(more_mm) {
+        *sum += more;
+    }
 }
 
 /// Position in `channels` of each channel cell's receiver.

@@ -10,20 +10,24 @@
 //! S₀ + i − S₁ = k S̄                                  what left, shared as k_drain : k_transpire
 //! ```
 //!
-//! S(t) never leaves the span between S₀ and S₁, so S₁ ≤ capacity bounds the whole month.
+//! What is offered to the soil is net rain up to the infiltration capacity of the slope, plus the share
+//! 1 − e^(−cell width / L) of the water that comes from upslope; of that enters what keeps S₁ ≤ capacity,
+//! the rest runs on. S(t) never leaves the span between S₀ and S₁, so S₁ ≤ capacity bounds the whole month.
 //! All amounts are millimetres over the cell, all rates per month.
 //!
 //! # Reference
 //! Infiltration by slope, store size, evaporated share: Kapp et al. 2020, section 5.1,
 //! doi:10.1145/3414685.3417848, with the values its authors ran.
 //! Transpiration in proportion to the store: Manabe 1969, "Climate and the ocean circulation I",
-//! Monthly Weather Review 97(11), Eq. 4b, without its upper threshold.
+//! Monthly Weather Review 97(11), without its upper threshold.
 //! Demand: Hamon 1963, "Computation of direct runoff amounts from storm rainfall", IAHS Publ. 63,
 //! in the metric form of Lu et al. 2005, "A comparison of six potential evapotranspiration methods",
 //! Journal of the American Water Resources Association 41(3), doi:10.1111/j.1752-1688.2005.tb03759.x.
 //! Drainage as gravity along the slope: Beven 1981, "Kinematic subsurface stormflow", Water Resources
 //! Research 17(5), doi:10.1029/WR017i005p01419.
 //! # Departures
+//! Slope limits the infiltration of rain only: water from upslope comes slowly and largely within the
+//! soil, and were it limited too, steep hollows would be as dry as the slopes that feed them.
 //! No snow: winter's precipitation enters the soil in winter.
 
 use crate::math;
@@ -306,7 +310,7 @@ const MIN_OPEN_SUNLIGHT_H: f32 = 0.07;
 /// Atmospheric demand for water on open flat ground in a month, mm.
 ///
 /// # Reference
-/// Hamon 1963 as in Lu et al. 2005, Eq. 2, with a calibration factor of 1.
+/// Hamon 1963 as in Lu et al. 2005, with a calibration factor of 1.
 fn open_demand_mm(climate: &Climate, latitude_rad: f64, month: usize, altitude_m: f32) -> f32 {
     let declination_rad = solar::declination_rad(solar::REPRESENTATIVE_DAY[month]);
     let day_length_h = solar::day_length_h(latitude_rad, declination_rad) as f32; // 0–24
@@ -438,6 +442,17 @@ mod tests {
             );
             assert!((table / formula - 1.0).abs() < 2e-6, "{altitude_m} m: {table}, {formula}");
         }
+    }
+
+    #[test]
+    fn steep_ground_sheds_rain_but_takes_water_from_upslope() {
+        let year = water_year(80.0);
+        let site = CellSite { slope_rad: 1.0, demand_mm: [30.0; MONTHS] };
+        assert_eq!(year.run(&site, &[0.0; MONTHS]).moisture_mm, [0.0; MONTHS]);
+        let seeping_mm = 5000.0 * (1.0 - math::exp(-1.0 / 150.0));
+        let rate = year.drain_rate_per_month(1.0) + 30.0 / 180.0;
+        let fed = year.run(&site, &[5000.0; MONTHS]).moisture_mm[3];
+        assert!((fed - seeping_mm / rate).abs() < 0.01, "{fed}");
     }
 
     #[test]
