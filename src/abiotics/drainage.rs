@@ -30,7 +30,7 @@ const INVERSE_DISTANCE: [f32; 8] = {
     [1.0, d, 1.0, d, 1.0, d, 1.0, d]
 };
 
-/// Contour length that faces each of [`NEIGHBOURS`], in cells. Quinn et al. 1991, Fig. 3.
+/// Contour length that faces each of [`NEIGHBOURS`], in cells. Quinn et al. 1991.
 const CONTOUR_LENGTH: [f32; 8] = {
     let (side, corner) = (0.5, std::f32::consts::SQRT_2 / 4.0);
     [side, corner, side, corner, side, corner, side, corner]
@@ -202,7 +202,7 @@ impl Descent {
     /// Share of the cell's water that takes each way; they sum to 1, or to 0 in a sink.
     ///
     /// # Reference
-    /// Quinn et al. 1991, Eq. 3: contour length times slope.
+    /// Quinn et al. 1991: contour length times slope.
     #[inline]
     pub fn shares(&self) -> [f64; 8] {
         let mut shares = [0.0; 8];

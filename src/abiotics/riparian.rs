@@ -1,14 +1,16 @@
-//! Land along rivers: its height above the nearest drainage, and the river water its soil takes up.
+//! Land along channels: its height above the nearest drainage, and the channel water its soil takes up.
 //!
-//! Beside a river the water table lies near the surface and keeps part of the root zone full. With
-//! weight w (1 at the river's level, 0 at the reach) and the share f of the demand the river can meet,
+//! Beside a channel with water the water table lies near the surface and keeps part of the root zone
+//! full. With weight w (1 at the channel's level, 0 at the reach) and the share f of the demand its flow
+//! can meet that month,
 //!
 //! ```text
 //! moisture      M' = M + w f (capacity − M)
 //! transpiration T' = demand · M' / capacity, so T' − T = w f demand (1 − M / capacity)
 //! ```
 //!
-//! and T' − T is taken from the river's discharge, there and all the way down: water stays conserved.
+//! and T' − T is taken from the channel's discharge, there and all the way down: water stays conserved.
+//! Where a channel begins does not depend on the weather, so a drought moves no bank; it lowers f.
 //!
 //! # Reference
 //! Height above nearest drainage: Rennó et al. 2008, "HAND, a new terrain descriptor using SRTM-DEM",
@@ -24,29 +26,28 @@ use super::drainage::DrainageSurface;
 use super::routing::{ChannelCell, LEAVES_MAP};
 
 /// Marks an entry of [`NearestDrainage::target`] as an index of a channel cell, not of a map cell.
-const RIVER: u32 = 1 << 31;
+const CHANNEL: u32 = 1 << 31;
 const UNKNOWN: u32 = u32::MAX;
 
-/// Where each cell's water first meets a river, or else leaves the map.
+/// Where each cell's water first meets a channel, or else leaves the map.
 pub(super) struct NearestDrainage {
     target: Vec<u32>,
 }
 
 impl NearestDrainage {
-    /// Follows the steepest way down from every valid cell to a channel cell for which `is_river`.
+    /// Follows the steepest way down from every valid cell.
     ///
     /// # Errors
     /// [`Cancelled`] once the run was cancelled.
     pub fn new(
         surface: &DrainageSurface,
         channels: &[ChannelCell],
-        is_river: &[bool],
         reporter: &Reporter,
     ) -> Result<Self, Cancelled> {
         let cols = surface.cols();
         let mut target = vec![UNKNOWN; surface.rows() * cols];
-        for (i, channel) in channels.iter().enumerate().filter(|&(i, _)| is_river[i]) {
-            target[channel.cell as usize] = RIVER | i as u32; // fewer than cells
+        for (i, channel) in channels.iter().enumerate() {
+            target[channel.cell as usize] = CHANNEL | i as u32; // fewer than cells
         }
         let mut path = Vec::new();
         for row in 0..surface.rows() {
@@ -77,15 +78,15 @@ impl NearestDrainage {
         Ok(Self { target })
     }
 
-    /// Index of the channel cell where the cell's water meets a river, if it does on the map.
+    /// Index of the channel cell that the cell's water first meets, if it does on the map.
     #[inline]
-    fn river(&self, index: usize) -> Option<usize> {
+    fn channel(&self, index: usize) -> Option<usize> {
         let target = self.target[index];
-        (target != UNKNOWN && target & RIVER != 0).then_some((target & !RIVER) as usize)
+        (target != UNKNOWN && target & CHANNEL != 0).then_some((target & !CHANNEL) as usize)
     }
 
     /// Height of each cell above its drainage in metres, ≥ 0; above the place where its water leaves the
-    /// map where it meets no river; 0 where masked.
+    /// map where it meets no channel; 0 where masked.
     pub fn heights_m(&self, surface: &DrainageSurface, channels: &[ChannelCell]) -> Vec<f32> {
         let cols = surface.cols();
         let height_at =
@@ -94,28 +95,32 @@ impl NearestDrainage {
             if target == UNKNOWN {
                 return 0.0;
             }
-            let drainage = self.river(index).map_or(target as usize, |i| channels[i].cell as usize);
+            let drainage =
+                self.channel(index).map_or(target as usize, |i| channels[i].cell as usize);
             height_at(index) - height_at(drainage)
         };
         self.target.par_iter().enumerate().map(height_m).collect()
     }
 }
 
-/// Weight of a river's water table at a height above it: 1 at its level, 0 from `reach_m` up.
+/// Weight of a channel's water table at a height above it: 1 at its level, 0 from `reach_m` up.
 #[inline]
 fn water_table_weight(height_m: f32, reach_m: f32) -> f32 {
-    let t = (1.0 - height_m / reach_m).max(0.0);
+    if height_m >= reach_m {
+        return 0.0;
+    }
+    let t = 1.0 - height_m / reach_m;
     t * t
 }
 
 /// What the uptake took.
 pub(super) struct Uptake {
-    /// Taken from rivers over the whole map, mm summed over cells.
+    /// Taken from channels over the whole map, mm summed over cells.
     pub taken_mm: [f64; MONTHS],
 }
 
-/// Wets riparian soil from its river: raises `moisture_mm`, lowers the channels' outflow.
-/// `demand_mm(month, index)` is the atmosphere's demand.
+/// Wets riparian soil from its channel: raises `moisture_mm`, lowers the channels' outflow.
+/// `demand_mm(index)` is the atmosphere's demand each month.
 pub(super) fn take_up(
     drainage: &NearestDrainage,
     heights_m: &[f32],
@@ -123,21 +128,20 @@ pub(super) fn take_up(
     moisture_mm: &mut [Vec<f32>; MONTHS],
     capacity_mm: f32,
     reach_m: f32,
-    demand_mm: impl Fn(usize, usize) -> f32 + Sync,
+    demand_mm: impl Fn(usize) -> [f32; MONTHS],
 ) -> Uptake {
-    let river_and_weight = |index: usize| {
+    let channel_and_weight = |index: usize| {
         let weight = water_table_weight(heights_m[index], reach_m);
-        drainage.river(index).filter(|_| weight > 0.0).map(|river| (river, weight))
+        drainage.channel(index).filter(|_| weight > 0.0).map(|channel| (channel, weight))
     };
 
-    // What the land along each river cell lacks
+    // What the land along each channel cell lacks
     let mut lacking_mm = vec![[0.0_f64; MONTHS]; channels.len()];
-    for index in 0..heights_m.len() {
-        if let Some((river, weight)) = river_and_weight(index) {
-            for m in 0..MONTHS {
-                let missing_fraction = 1.0 - moisture_mm[m][index] / capacity_mm;
-                lacking_mm[river][m] += f64::from(weight * demand_mm(m, index) * missing_fraction);
-            }
+    let banks = (0..heights_m.len()).filter_map(|index| Some((index, channel_and_weight(index)?)));
+    for (index, (channel, weight)) in banks {
+        for (m, demand) in demand_mm(index).into_iter().enumerate() {
+            let missing_fraction = 1.0 - moisture_mm[m][index] / capacity_mm;
+            lacking_mm[channel][m] += f64::from(weight * demand * missing_fraction);
         }
     }
 
@@ -145,8 +149,8 @@ pub(super) fn take_up(
     let (met_fraction, taken_mm) = share_out(channels, &lacking_mm);
     moisture_mm.par_iter_mut().enumerate().for_each(|(m, month)| {
         for (index, moisture) in month.iter_mut().enumerate() {
-            if let Some((river, weight)) = river_and_weight(index) {
-                *moisture += weight * met_fraction[river][m] * (capacity_mm - *moisture);
+            if let Some((channel, weight)) = channel_and_weight(index) {
+                *moisture += weight * met_fraction[channel][m] * (capacity_mm - *moisture);
             }
         }
     });
@@ -155,7 +159,8 @@ pub(super) fn take_up(
 
 /// Serves every channel cell's want from its flow, never more than flows anywhere below it. Where water
 /// is short a cell takes of what reaches it only its part of all wants from there to the mouth, so
-/// that banks fare alike along a river. Returns the share of each want that was met, and the total taken; lowers the channels' outflow.
+/// that banks fare alike along a channel. Lowers the channels' outflow; returns the share of each want
+/// that was met, and the total taken.
 fn share_out(
     channels: &mut [ChannelCell],
     wanted_mm: &[[f64; MONTHS]],
@@ -167,9 +172,7 @@ fn share_out(
     let mut inflow_mm = vec![[0.0_f64; MONTHS]; channels.len()];
     for (channel, receiver) in channels.iter().zip(&receivers) {
         if let Some(receiver) = *receiver {
-            for m in 0..MONTHS {
-                inflow_mm[receiver][m] += channel.outflow_mm[m];
-            }
+            add(&mut inflow_mm[receiver], &channel.outflow_mm);
         }
     }
     let mut allowed_mm = vec![[0.0_f64; MONTHS]; channels.len()];
@@ -189,9 +192,8 @@ fn share_out(
     let mut below_mm = wanted_mm.to_vec();
     for i in (0..channels.len()).rev() {
         if let Some(receiver) = receivers[i] {
-            for m in 0..MONTHS {
-                below_mm[i][m] += below_mm[receiver][m];
-            }
+            let from_there = below_mm[receiver];
+            add(&mut below_mm[i], &from_there);
         }
     }
 
@@ -217,6 +219,12 @@ fn share_out(
         }
     }
     (met_fraction, total_mm)
+}
+
+fn add(sum_mm: &mut [f64; MONTHS], more_mm: &[f64; MONTHS]) {
+    for (sum, more) in sum_mm.iter_mut().zip(more_mm) {
+        *sum += more;
+    }
 }
 
 /// Position in `channels` of each channel cell's receiver.
