@@ -59,7 +59,8 @@ pub fn creep(
     let cell_m = extent.cell_m as f32;
     let total_share = diffusivity_m2 * duration / (cell_m * cell_m);
     // chosen: passes of half the stable share leave room for steep slopes to creep twice as fast
-    let passes = ((total_share / (0.5 * STABLE_SHARE)).ceil() as usize).clamp(MIN_PASSES, max_passes);
+    let passes =
+        ((total_share / (0.5 * STABLE_SHARE)).ceil() as usize).clamp(MIN_PASSES, max_passes);
     let share = total_share / passes as f32;
     let per_critical = 1.0 / (critical_slope * cell_m);
     let mut next = vec![0.0_f32; height_m.len()];
@@ -69,8 +70,7 @@ pub fn creep(
             let here = line(row);
             let (north, south) =
                 (line(row.saturating_sub(1)), line((row + 1).min(extent.rows - 1)));
-            for col in 0..extent.cols {
-                let z = here[col];
+            let moved = |z: f32, north: f32, south: f32, west: f32, east: f32| {
                 let flow = |other: f32| {
                     let difference = other - z;
                     let steepness = difference * per_critical;
@@ -78,9 +78,18 @@ pub fn creep(
                     let widened = share / (1.0 - steepness * steepness).max(0.05);
                     difference * widened.min(STABLE_SHARE)
                 };
-                let (west, east) =
-                    (here[col.saturating_sub(1)], here[(col + 1).min(extent.cols - 1)]);
-                out[col] = z + flow(north[col]) + flow(south[col]) + flow(west) + flow(east);
+                z + flow(north) + flow(south) + flow(west) + flow(east)
+            };
+            let last = extent.cols - 1;
+            let edges = |col: usize| {
+                let (west, east) = (here[col.saturating_sub(1)], here[(col + 1).min(last)]);
+                moved(here[col], north[col], south[col], west, east)
+            };
+            (out[0], out[last]) = (edges(0), edges(last));
+            // slices of one length: the compiler drops bounds checks and works on several cells at once
+            let lines = here.windows(3).zip(north[1..].iter().zip(&south[1..]));
+            for (out, (three, (n, s))) in out[1..].iter_mut().zip(lines) {
+                *out = moved(three[1], *n, *s, three[0], three[2]);
             }
         });
         for &cell in fixed {

@@ -99,7 +99,8 @@ mod tests {
             (2.0 * e.center_east_m(col) - 3.0 * e.center_north_m(row)) as f32
         };
         let values: Vec<f32> = (0..30).map(|i| plane(&coarse, i / 6, i % 6)).collect();
-        let (fine, result) = (coarse.halved(), upsample_bent(&values, &coarse, &[0.0; 120], &[0.0; 120]));
+        let (fine, result) =
+            (coarse.halved(), upsample_bent(&values, &coarse, &[0.0; 120], &[0.0; 120]));
         for row in 1..9 {
             for col in 1..11 {
                 let (a, b) = (result[row * 12 + col], plane(&fine, row, col));
