@@ -75,6 +75,19 @@ pub fn smoothstep(t: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
+/// A value rounded to so many bits of mantissa after the leading one, half up in size; 23 leave it as it is.
+/// The error is at most 2⁻⁽ᵇⁱᵗˢ⁺¹⁾ of the value.
+#[inline]
+pub fn rounded_to_mantissa(value: f32, mantissa_bits: u32) -> f32 {
+    let dropped = 23_u32.saturating_sub(mantissa_bits);
+    if dropped == 0 {
+        return value;
+    }
+    let bits = value.to_bits().saturating_add(1 << (dropped - 1)) & (u32::MAX << dropped);
+    let rounded = f32::from_bits(bits);
+    if rounded.is_finite() { rounded } else { value }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -85,6 +98,16 @@ mod tests {
         assert!((exp_f64(ln_f64(7.5)) - 7.5).abs() < 1e-14);
         assert!((sin(0.3) * sin(0.3) + cos(0.3) * cos(0.3) - 1.0).abs() < 1e-6);
         assert!((powf(2.0, 0.5) - 2f32.sqrt()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn rounding_errs_by_half_a_step_at_most() {
+        for value in [1.0_f32, -1217.3456, 3.15e-5, 0.0, f32::MAX] {
+            assert_eq!(rounded_to_mantissa(value, 23).to_bits(), value.to_bits());
+            let error = (rounded_to_mantissa(value, 12) - value).abs();
+            assert!(error <= value.abs() / 8192.0, "{value}: {error}");
+        }
+        assert_ne!(rounded_to_mantissa(1217.3456, 12), 1217.3456);
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod filling;
 pub mod horizon;
 pub mod moisture;
 mod riparian;
+mod rounding;
 mod routing;
 mod sky_view;
 pub mod slope;
@@ -74,7 +75,8 @@ pub fn run(
         let _stage = reporter.stage("slope", 1);
         slope::slope_rad(&terrain.elevation_m)
     };
-    let sunlight_h = sunlight::run(terrain, climate, &params.sunlight, reporter)?.sunlight_h;
+    let sunlight = sunlight::run(terrain, climate, &params.sunlight, reporter)?;
+    let sunlight_h = rounding::rounded(sunlight.sunlight_h);
     let open_sky_sunlight_h = std::array::from_fn(|month_index| {
         // hours a day: far within f32
         sunlight::open_sky_sunlight_h(terrain.latitude_rad, climate, month_index) as f32
@@ -90,7 +92,7 @@ pub fn run(
     )?;
     Ok(AbioticMaps {
         sunlight_h,
-        moisture_mm: water.moisture_mm,
+        moisture_mm: rounding::rounded(water.moisture_mm),
         temperature_c: MonthlyTemperature::new(&terrain.elevation_m, climate),
         slope_rad,
         discharge_m3_s: water.discharge_m3_s,

@@ -3,6 +3,7 @@
 //! # Reference
 //! Kapp et al. 2020, section 5.1, doi:10.1145/3414685.3417848: temperature falls with altitude at the standard lapse rate.
 
+use super::rounding::rounded_value;
 use crate::raster::{Grid, MONTHS};
 use crate::species::Climate;
 
@@ -27,10 +28,15 @@ impl MonthlyTemperature {
         Self { elevation_m: elevation_m.clone(), climate: climate.clone() }
     }
 
+    #[inline]
+    fn at_elevation(&self, month_index: usize, elevation_m: f32) -> f32 {
+        rounded_value(temperature_c(&self.climate, month_index, elevation_m))
+    }
+
     /// °C in a month (0 is January) at the cell stored at `index`.
     #[inline]
     pub fn at(&self, month_index: usize, index: usize) -> f32 {
-        temperature_c(&self.climate, month_index, self.elevation_m.values()[index])
+        self.at_elevation(month_index, self.elevation_m.values()[index])
     }
 
     /// The elevation temperature is worked out from.
@@ -41,7 +47,7 @@ impl MonthlyTemperature {
     /// Mean over the year, °C.
     pub fn yearly_mean(&self) -> Grid<f32> {
         let yearly = |z: f32| {
-            let sum: f32 = (0..MONTHS).map(|m| temperature_c(&self.climate, m, z)).sum();
+            let sum: f32 = (0..MONTHS).map(|m| self.at_elevation(m, z)).sum();
             sum / MONTHS as f32
         };
         let values = self.elevation_m.values();
@@ -52,8 +58,7 @@ impl MonthlyTemperature {
     pub fn month(&self, month_index: usize) -> Grid<f32> {
         assert!(month_index < MONTHS, "month index {month_index} is past December");
         let values = self.elevation_m.values();
-        self.elevation_m.with_values(
-            values.iter().map(|&z| temperature_c(&self.climate, month_index, z)).collect(),
-        )
+        self.elevation_m
+            .with_values(values.iter().map(|&z| self.at_elevation(month_index, z)).collect())
     }
 }

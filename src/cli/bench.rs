@@ -12,6 +12,7 @@ use crate::abiotics;
 use crate::pipeline::{Error, import};
 use crate::progress::{Reporter, peak_memory_mib};
 use crate::species::Biome;
+use crate::terrain::Terrain;
 use crate::terrain::generate::{self, GenerateParams};
 use crate::terrain::point_cloud::synthetic;
 
@@ -57,27 +58,16 @@ pub fn run(arguments: &BenchArguments) -> Outcome {
     };
     let name = workload.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned());
     let folder = tempfile::tempdir().map_err(|source| usage("temporary folder", source))?;
+    let prepared = prepare(workload, arguments, folder.path())?;
     let mut runs = Vec::new();
-    let mut prepared = None;
     for _ in 0..arguments.repeat {
-        runs.push(match workload {
-            Workload::Abiotics512 => abiotics(512)?,
-            Workload::Abiotics1024 => abiotics(1024)?,
-            Workload::Abiotics2048 => abiotics(2048)?,
-            Workload::Abiotics4096 => abiotics(4096)?,
-            Workload::ImportDem | Workload::ImportLaz => {
-                let input = match prepared.take() {
-                    Some(input) => input,
-                    None => prepare(workload, arguments, folder.path())?,
-                };
-                let run = whole_import(&input, folder.path())?;
-                prepared = Some(input);
-                run
-            }
+        runs.push(match &prepared {
+            Prepared::Terrain(terrain) => abiotic_maps(terrain)?,
+            Prepared::File(input) => whole_import(input, folder.path())?,
         });
     }
     runs.sort_by(|a, b| seconds(a).total_cmp(&seconds(b)));
-    let median = runs[runs.len() / 2].clone();
+    let median = &runs[runs.len() / 2];
     terminal::line(&json!({
         "workload": name,
         "threads": rayon::current_num_threads(),
@@ -87,6 +77,12 @@ pub fn run(arguments: &BenchArguments) -> Outcome {
         "peak_memory_mib": peak_memory_mib(),
     }));
     Ok(())
+}
+
+/// What a workload works on; its making is not counted.
+enum Prepared {
+    Terrain(Terrain),
+    File(PathBuf),
 }
 
 fn run_all(arguments: &BenchArguments) -> Outcome {
@@ -117,55 +113,61 @@ fn seconds(run: &Value) -> f64 {
     run["seconds"].as_f64().unwrap_or(f64::INFINITY)
 }
 
-/// All four maps of a generated landscape; the terrain's own making is not counted.
-fn abiotics(size: usize) -> Result<Value, Error> {
-    let reporter = Reporter::silent();
-    let params = GenerateParams { rows: size, cols: size, ..GenerateParams::default() };
-    let terrain = generate::generate(&params, &reporter)?;
-    let climate = Biome::builtin("sonoma")?.climate;
-    let before = reporter.records().len();
-    let started = Instant::now();
-    let maps = abiotics::run(&terrain, &climate, &abiotics::Params::default(), &reporter)?;
-    let seconds = started.elapsed().as_secs_f64();
-    let cells = maps.slope_rad.frame().len();
-    let stages: serde_json::Map<String, Value> = reporter.records()[before..]
-        .iter()
-        .map(|r| (r.stage.to_owned(), json!(r.seconds)))
-        .collect();
-    Ok(
-        json!({"seconds": seconds, "cells": cells, "ns_per_cell": seconds * 1e9 / cells as f64, "stages_s": stages}),
-    )
-}
-
 fn prepare(
     workload: Workload,
     arguments: &BenchArguments,
     folder: &Path,
-) -> Result<PathBuf, Error> {
-    let given = match workload {
-        Workload::ImportLaz => &arguments.laz,
-        _ => &arguments.dem,
+) -> Result<Prepared, Error> {
+    let generated = |size: usize, cell_m: f64| {
+        let params = GenerateParams { rows: size, cols: size, cell_m, ..GenerateParams::default() };
+        generate::generate(&params, &Reporter::silent())
     };
-    if let Some(path) = given {
-        return Ok(path.clone());
-    }
-    let reporter = Reporter::silent();
-    let params =
-        GenerateParams { rows: 1000, cols: 1000, cell_m: 1.0, ..GenerateParams::default() };
-    let terrain = generate::generate(&params, &reporter)?;
     Ok(match workload {
-        Workload::ImportLaz => {
-            let path = folder.join("bench.laz");
-            let cloud = synthetic::forest(1, CLOUD_SIDE_M, CLOUD_POINTS_PER_M2);
-            crate::io::las::write_laz(&cloud, &path)?;
-            path
-        }
-        _ => {
-            let scene = folder.join("dem");
-            import::write_terrain_only(&terrain, &scene)?;
-            scene.join("terrain.tif")
-        }
+        Workload::Abiotics512 => Prepared::Terrain(generated(512, 2.0)?),
+        Workload::Abiotics1024 => Prepared::Terrain(generated(1024, 2.0)?),
+        Workload::Abiotics2048 => Prepared::Terrain(generated(2048, 2.0)?),
+        Workload::Abiotics4096 => Prepared::Terrain(generated(4096, 2.0)?),
+        Workload::ImportLaz => Prepared::File(match &arguments.laz {
+            Some(path) => path.clone(),
+            None => {
+                let path = folder.join("bench.laz");
+                let cloud = synthetic::forest(1, CLOUD_SIDE_M, CLOUD_POINTS_PER_M2);
+                crate::io::las::write_laz(&cloud, &path)?;
+                path
+            }
+        }),
+        Workload::ImportDem => Prepared::File(match &arguments.dem {
+            Some(path) => path.clone(),
+            None => {
+                let scene = folder.join("dem");
+                import::write_terrain_only(&generated(1000, 1.0)?, &scene)?;
+                scene.join("terrain.tif")
+            }
+        }),
     })
+}
+
+/// All four maps.
+fn abiotic_maps(terrain: &Terrain) -> Result<Value, Error> {
+    let climate = Biome::builtin(import::DEFAULT_BIOME)?.climate;
+    let reporter = Reporter::silent();
+    let started = Instant::now();
+    let maps = abiotics::run(terrain, &climate, &abiotics::Params::default(), &reporter)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let cells = maps.slope_rad.frame().len();
+    let ns_per_cell = seconds * 1e9 / cells as f64;
+    Ok(
+        json!({"seconds": seconds, "cells": cells, "ns_per_cell": ns_per_cell, "stages_s": stages(&reporter)}),
+    )
+}
+
+fn stages(reporter: &Reporter) -> Value {
+    reporter
+        .records()
+        .iter()
+        .map(|r| (r.stage.to_owned(), json!(r.seconds)))
+        .collect::<serde_json::Map<_, _>>()
+        .into()
 }
 
 fn whole_import(input: &Path, folder: &Path) -> Result<Value, Error> {
@@ -181,7 +183,7 @@ fn whole_import(input: &Path, folder: &Path) -> Result<Value, Error> {
     import::run(&request, &reporter)?;
     let scene_s = started.elapsed().as_secs_f64();
     let _ = std::fs::remove_dir_all(&scene);
-    let stages: serde_json::Map<String, Value> =
-        reporter.records().iter().map(|r| (r.stage.to_owned(), json!(r.seconds))).collect();
-    Ok(json!({"seconds": seconds, "cells": cells, "scene_folder_s": scene_s, "stages_s": stages}))
+    Ok(
+        json!({"seconds": seconds, "cells": cells, "scene_folder_s": scene_s, "stages_s": stages(&reporter)}),
+    )
 }

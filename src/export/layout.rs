@@ -23,7 +23,7 @@ const LEAST_CONTENT_PX: u32 = 860;
 /// Tallest large map.
 const TALLEST_PX: f64 = 900.0;
 /// Width a small map's title needs.
-const LEAST_SLOT_PX: f64 = 150.0;
+pub const LEAST_SLOT_PX: f64 = 150.0;
 
 /// Places of a sheet's parts.
 #[derive(Clone, Debug, PartialEq, Eq)]

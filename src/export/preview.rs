@@ -184,7 +184,7 @@ fn rounded(color: [f32; 3]) -> Rgb {
 }
 
 fn void_color(x: usize, y: usize) -> Rgb {
-    if (x + y) % 9 == 0 { VOID_HATCH } else { VOID }
+    if (x + y).is_multiple_of(9) { VOID_HATCH } else { VOID }
 }
 
 /// Draws a sheet's parts.
@@ -253,18 +253,29 @@ impl Pen {
         self.canvas.paint(rect, |x, y| pixels[y as usize * cols + x as usize]);
         self.canvas.frame(rect, FRAME_INK);
 
-        self.text(rect.x, rect.y - 10, Align::Left, panel.title, CAPTION);
-        let after = rect.x + self.lettering.width_px(panel.title, CAPTION) as u32 + 9;
-        self.text(after, rect.y - 10, Align::Left, panel.unit, UNIT);
+        self.caption(rect, panel);
         let Some(spread) = spread else { return };
         let bar =
             Rect { x: rect.x, y: rect.bottom() + 9, width: rect.width.clamp(120, 420), height: 10 };
         self.ramp(bar, panel.ramp);
         let decimals = decimals_for(spread);
-        let low = scale::trimmed(f64::from(spread.low), decimals);
-        let high = scale::trimmed(f64::from(spread.high), decimals);
+        let low = scale::fixed(f64::from(spread.low), decimals);
+        let high = scale::fixed(f64::from(spread.high), decimals);
         self.text(bar.x, bar.bottom() + 18, Align::Left, &low, LABEL);
         self.text(bar.right(), bar.bottom() + 18, Align::Right, &high, LABEL);
+    }
+
+    /// Title and unit above a small map; beside narrow maps only as much of the unit as there is room for.
+    fn caption(&mut self, rect: Rect, panel: &Panel<'_>) {
+        let y = rect.y - 10;
+        self.text(rect.x, y, Align::Left, panel.title, CAPTION);
+        let title_px = self.lettering.width_px(panel.title, CAPTION) + 9.0;
+        let room_px = (rect.width as f32).max(layout::LEAST_SLOT_PX as f32) - title_px;
+        let short = panel.unit.split(',').next().unwrap_or_default();
+        let fits = |unit: &&str| self.lettering.width_px(unit, UNIT) <= room_px;
+        if let Some(unit) = [panel.unit, short].into_iter().find(fits) {
+            self.text(rect.x + title_px as u32, y, Align::Left, unit, UNIT);
+        }
     }
 
     fn ramp(&mut self, bar: Rect, ramp: Ramp) {
@@ -283,7 +294,7 @@ impl Pen {
         let quarter = (f64::from(bar.width) / 4.0).max(1.0);
         self.canvas.paint(bar, |px, _| {
             // four fields, dark and light in turn
-            if (f64::from(px) / quarter) as u32 % 2 == 0 { INK } else { PAPER }
+            if ((f64::from(px) / quarter) as u32).is_multiple_of(2) { INK } else { PAPER }
         });
         self.canvas.frame(bar, INK);
         let label = scale::length_label(length_m);
@@ -318,7 +329,7 @@ impl Pen {
         let bar = Rect { x, y: y + 34, width: 360, height: 12 };
         self.ramp(bar, Ramp::ELEVATION);
         let (low, high) = (f64::from(range.low), f64::from(range.high));
-        let ticks = scale::ticks(low, high, 6);
+        let ticks = scale::ticks(low, high, 8);
         let decimals = decimals_for(range);
         for tick in ticks {
             let at = bar.x + ((tick - low) / (high - low) * f64::from(bar.width)).round() as u32;

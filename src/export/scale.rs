@@ -41,12 +41,20 @@ pub fn length_label(length_m: f64) -> String {
     }
 }
 
-/// A number with at most `decimals` decimals and no zeros at the end; the minus sign is the typographic one.
-pub fn trimmed(value: f64, decimals: usize) -> String {
+/// A number with just so many decimals; the minus sign is the typographic one.
+pub fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
-    let text =
-        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
-    if text == "-0" { "0".to_owned() } else { text.replace('-', "\u{2212}") }
+    let is_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
+    if is_zero { text.replace('-', "") } else { text.replace('-', "\u{2212}") }
+}
+
+/// Like [`fixed`] without zeros at the end.
+pub fn trimmed(value: f64, decimals: usize) -> String {
+    let text = fixed(value, decimals);
+    if !text.contains('.') {
+        return text;
+    }
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 #[cfg(test)]
@@ -91,5 +99,7 @@ mod tests {
         assert_eq!(trimmed(-1.50, 2), "−1.5");
         assert_eq!(trimmed(-0.001, 2), "0");
         assert_eq!(trimmed(100.0, 0), "100");
+        assert_eq!(fixed(5.0, 1), "5.0");
+        assert_eq!(fixed(-0.04, 1), "0.0");
     }
 }

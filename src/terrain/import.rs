@@ -380,7 +380,7 @@ fn check_distances(tiles: &[NamedRaster], extents: &[MapWindow]) -> Result<(), I
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::raster::Affine;
+    use crate::raster::{Affine, SourceRaster};
 
     const SIZE: usize = 24;
 

@@ -44,7 +44,6 @@ impl TileGrid {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Packing {
     pub(super) deflate_level: u32,
-    pub(super) mantissa_bits: u32,
 }
 
 /// The packed bytes of a tile. `read` fills a row's values from (row, first column); `is_valid` tells by index.
@@ -75,7 +74,6 @@ pub(super) fn pack(
         for (index, (value, valid)) in values.iter_mut().zip(&valid[start..]).enumerate() {
             if *valid {
                 assert!(value.is_finite(), "cell ({row}, {}) holds {value}", first_col + index);
-                *value = rounded(*value, packing.mantissa_bits);
             } else {
                 *value = NODATA;
             }
@@ -92,30 +90,9 @@ pub(super) fn pack(
     encoder.finish().unwrap_or_else(|e| unreachable!("a vector takes all bytes: {e}"))
 }
 
-/// A value rounded to so many bits of mantissa, half up in size; 23 leave it as it is.
-fn rounded(value: f32, mantissa_bits: u32) -> f32 {
-    let dropped = 23_u32.saturating_sub(mantissa_bits);
-    if dropped == 0 {
-        return value;
-    }
-    let bits = value.to_bits().saturating_add(1 << (dropped - 1)) & (u32::MAX << dropped);
-    let rounded = f32::from_bits(bits);
-    if rounded.is_finite() { rounded } else { value }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn rounding_errs_by_half_a_step_at_most() {
-        for value in [1.0_f32, -1217.3456, 3.15e-5, 0.0, f32::MAX] {
-            assert_eq!(rounded(value, 23).to_bits(), value.to_bits());
-            let error = (rounded(value, 12) - value).abs();
-            assert!(error <= value.abs() / 8192.0, "{value}: {error}");
-        }
-        assert_ne!(rounded(1217.3456, 12), 1217.3456);
-    }
 
     #[test]
     fn tiles_are_multiples_of_sixteen() {

@@ -24,16 +24,16 @@ const WOBBLE: f32 = 0.25;
 /// No cell.
 const NONE: u32 = u32::MAX;
 
-/// The eight neighbours: (row step, column step, distance in cells).
-pub const NEIGHBOURS: [(isize, isize, f32); 8] = [
-    (-1, -1, std::f32::consts::SQRT_2),
+/// The eight neighbours: (row step, column step, cells in one over the distance).
+const NEIGHBOURS: [(isize, isize, f32); 8] = [
+    (-1, -1, std::f32::consts::FRAC_1_SQRT_2),
     (-1, 0, 1.0),
-    (-1, 1, std::f32::consts::SQRT_2),
+    (-1, 1, std::f32::consts::FRAC_1_SQRT_2),
     (0, -1, 1.0),
     (0, 1, 1.0),
-    (1, -1, std::f32::consts::SQRT_2),
+    (1, -1, std::f32::consts::FRAC_1_SQRT_2),
     (1, 0, 1.0),
-    (1, 1, std::f32::consts::SQRT_2),
+    (1, 1, std::f32::consts::FRAC_1_SQRT_2),
 ];
 
 /// The drainage tree of a surface.
@@ -73,16 +73,17 @@ impl Drainage {
                     let cell = row * extent.cols + col;
                     *receiver = cell as u32;
                     let mut steepest = f32::NEG_INFINITY;
-                    for (neighbour, distance) in neighbours(row, col, extent) {
-                        // four bits of the word for each of eight neighbours: their place in the grid tells which
-                        let bits = wobble[cell] >> (4 * ((neighbour + 3 * row) % 8));
-                        let favour = 1.0 + WOBBLE * ((bits & 15) as f32 / 7.5 - 1.0);
-                        let fall = favour * (height_m[cell] - height_m[neighbour]) / distance;
+                    for_neighbours(row, col, extent, |which, neighbour| {
+                        // four bits of the word for each of eight neighbours
+                        let bits = wobble[cell] >> (4 * which) & 15;
+                        let favour = 1.0 + WOBBLE * (bits as f32 / 7.5 - 1.0);
+                        let per_distance = NEIGHBOURS[which].2;
+                        let fall = favour * per_distance * (height_m[cell] - height_m[neighbour]);
                         if rank[neighbour] < rank[cell] && fall > steepest {
                             steepest = fall;
-                            (*receiver, *step) = (neighbour as u32, distance);
+                            (*receiver, *step) = (neighbour as u32, 1.0 / per_distance);
                         }
-                    }
+                    });
                 }
             });
         for &outlet in outlets {
@@ -101,17 +102,22 @@ impl Drainage {
     }
 }
 
-/// A cell's neighbours inside the extent with their distance in cells.
-pub fn neighbours(
+/// Calls `visit` with number (0..8) and cell of each neighbour inside the extent.
+#[inline]
+pub fn for_neighbours(
     row: usize,
     col: usize,
     extent: &Extent,
-) -> impl Iterator<Item = (usize, f32)> + use<> {
+    mut visit: impl FnMut(usize, usize),
+) {
     let (rows, cols) = (extent.rows, extent.cols);
-    NEIGHBOURS.into_iter().filter_map(move |(down, right, distance)| {
+    let inside = row > 0 && col > 0 && row + 1 < rows && col + 1 < cols;
+    for (which, (down, right, _)) in NEIGHBOURS.into_iter().enumerate() {
         let (r, c) = (row.wrapping_add_signed(down), col.wrapping_add_signed(right));
-        (r < rows && c < cols).then(|| (r * cols + c, distance))
-    })
+        if inside || (r < rows && c < cols) {
+            visit(which, r * cols + c);
+        }
+    }
 }
 
 /// All cells in the order in which water rising from the outlets reaches them.
@@ -138,13 +144,13 @@ fn flood_order(height_m: &[f32], outlets: &[u32], extent: &Extent) -> Vec<u32> {
             first[level] = next[cell as usize];
             order.push(cell);
             let (row, col) = (cell as usize / extent.cols, cell as usize % extent.cols);
-            for (neighbour, _) in neighbours(row, col, extent) {
+            for_neighbours(row, col, extent, |_, neighbour| {
                 if !std::mem::replace(&mut reached[neighbour], true) {
                     // below the water table: drowned, and reached at this level
                     let at = level_of(height_m[neighbour]).max(level);
                     append(at, neighbour as u32, &mut first, &mut last, &mut next);
                 }
-            }
+            });
         }
     }
     order

@@ -70,8 +70,7 @@ pub fn creep(
             let here = line(row);
             let (north, south) =
                 (line(row.saturating_sub(1)), line((row + 1).min(extent.rows - 1)));
-            for col in 0..extent.cols {
-                let z = here[col];
+            let moved = |z: f32, north: f32, south: f32, west: f32, east: f32| {
                 let flow = |other: f32| {
                     let difference = other - z;
                     let steepness = difference * per_critical;
@@ -79,9 +78,18 @@ pub fn creep(
                     let widened = share / (1.0 - steepness * steepness).max(0.05);
                     difference * widened.min(STABLE_SHARE)
                 };
-                let (west, east) =
-                    (here[col.saturating_sub(1)], here[(col + 1).min(extent.cols - 1)]);
-                out[col] = z + flow(north[col]) + flow(south[col]) + flow(west) + flow(east);
+                z + flow(north) + flow(south) + flow(west) + flow(east)
+            };
+            let last = extent.cols - 1;
+            let edges = |col: usize| {
+                let (west, east) = (here[col.saturating_sub(1)], here[(col + 1).min(last)]);
+                moved(here[col], north[col], south[col], west, east)
+            };
+            (out[0], out[last]) = (edges(0), edges(last));
+            // slices of one length: the compiler drops bounds checks and works on several cells at once
+            let lines = here.windows(3).zip(north[1..].iter().zip(&south[1..]));
+            for (out, (three, (n, s))) in out[1..].iter_mut().zip(lines) {
+                *out = moved(three[1], *n, *s, three[0], three[2]);
             }
         });
         for &cell in fixed {

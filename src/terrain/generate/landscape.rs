@@ -4,25 +4,10 @@ use rayon::prelude::*;
 
 use super::drainage::Drainage;
 use super::extent::{Extent, upsample_bent};
-use super::noise::{Noise, by_rows};
+use super::noise::{Field, Noise};
+use super::plan::Plan;
 use super::{GenerateParams, erosion, valley};
-use crate::math::{exp, sin, smoothstep};
 use crate::progress::{Cancelled, Reporter};
-
-/// Fields of noise; each has draws of its own.
-#[derive(Clone, Copy)]
-#[repr(u8)]
-enum Field {
-    Plan = 0,
-    Ridges = 1,
-    Hills = 2,
-    Jitter = 3,
-    Texture = 4,
-    Bends = 5,
-    Rock = 6,
-    BendEast = 7,
-    BendNorth = 8,
-}
 
 /// Ground around the map that is worked and then cut off, as a share of the map's shorter side:
 /// divides forced by the working edge stay outside.
@@ -31,8 +16,6 @@ const MARGIN_FRACTION: f64 = 0.14;
 const MIN_MARGIN_CELLS: usize = 6;
 /// Fewest cells across the coarsest level; chosen: enough for a main valley and its first tributaries.
 const COARSEST_CELLS: usize = 40;
-/// Wavelength of the largest ridges as a share of the longer side.
-const RIDGE_WAVELENGTH_FRACTION: f64 = 0.8;
 /// Length over which creep outdoes rivers, √(D/K): first-order valleys stand about twelve times as far apart
 /// (Perron et al. 2009, doi:10.1038/nature08174). Chosen: valleys about 100 m apart, as on soil-mantled hills.
 const CREEP_LENGTH_M: f32 = 9.0;
@@ -78,7 +61,7 @@ pub fn heights_m(params: &GenerateParams, reporter: &Reporter) -> Result<Vec<f32
     let mut height_m = plan.first_sketch_m(&extent, params.relief_m);
     // at rest the rivers' fall sums to U χ, where χ = ∫ A^−½ dx is about 5 over a valley's length
     let mut uplift_scale_m = params.relief_m / 5.0;
-    let jitter = Noise { seed: params.seed, field: Field::Jitter as u8 };
+    let jitter = Noise { seed: params.seed, field: Field::Jitter };
     let mut wobble = Vec::new();
     for level in 0..=levels {
         let outlets = plan.outlets(&extent);
@@ -122,7 +105,7 @@ pub fn heights_m(params: &GenerateParams, reporter: &Reporter) -> Result<Vec<f32
             let fine = extent.halved();
             let wavelength_m = BEND_WAVELENGTH_CELLS * extent.cell_m;
             let [mut east, mut north] = [Field::BendEast, Field::BendNorth].map(|field| {
-                let noise = Noise { seed: params.seed, field: field as u8 };
+                let noise = Noise { seed: params.seed, field };
                 noise.gradient(level as u16, wavelength_m, &fine)
             });
             east.iter_mut().chain(&mut north).for_each(|shift| *shift *= BEND_CELLS);
@@ -134,14 +117,16 @@ pub fn heights_m(params: &GenerateParams, reporter: &Reporter) -> Result<Vec<f32
 
     let outlets = plan.outlets(&extent);
     let whole_m2 = (extent.len() as f64 * extent.cell_m * extent.cell_m) as f32;
+    // chosen: a mountain stream of 1 km² is some metres wide; bed slopes of about 2 · 0.2
+    let half_width_m = (0.005 * whole_m2.sqrt()).min(15.0);
     let floor = valley::Floor {
         stream_area_m2: 0.03 * whole_m2,
         max_fill_m: 0.045 * params.relief_m,
-        max_bed_m: (0.006 * params.relief_m).min(3.0),
-        max_half_width_m: (0.004 * whole_m2.sqrt()).min(12.0),
+        max_bed_m: (0.2 * half_width_m).min(0.01 * params.relief_m),
+        max_half_width_m: half_width_m,
     };
     // chosen: bends about twelve widths long, as rivers have (Leopold & Wolman 1960)
-    let bends = Noise { seed: params.seed, field: Field::Bends as u8 }.fractal(
+    let bends = Noise { seed: params.seed, field: Field::Bends }.fractal(
         24.0 * f64::from(floor.max_half_width_m),
         2,
         0.4,
@@ -203,147 +188,6 @@ fn cut_out(height_m: &[f32], extent: &Extent, margin: usize, params: &GeneratePa
     let scale = params.relief_m / relief_m(&map).max(1e-6);
     map.par_iter_mut().for_each(|z| *z = params.lowest_m + (*z - low) * scale);
     map
-}
-
-/// The large forms: where the main valley runs and where rock is lifted fastest.
-struct Plan {
-    seed: u64,
-    /// Quarter turns from a river that leaves in the south.
-    turns: usize,
-    width_m: f64,
-    height_m: f64,
-    /// Bends of the main valley: amplitude as a share of the half width, phase, waves along it.
-    bends: [[f32; 3]; 2],
-    /// Where the valley's axis lies across the map on average, −1..1.
-    offset: f32,
-}
-
-impl Plan {
-    fn new(params: &GenerateParams) -> Self {
-        let noise = Noise { seed: params.seed, field: Field::Plan as u8 };
-        let (width_m, height_m) =
-            (params.cols as f64 * params.cell_m, params.rows as f64 * params.cell_m);
-        let draw = |n| noise.uniform(n);
-        // a long map has its valley along it
-        let turns = match (width_m / height_m, draw(0)) {
-            (ratio, d) if ratio > 1.5 => {
-                if d < 0.5 {
-                    1
-                } else {
-                    3
-                }
-            }
-            (ratio, d) if ratio < 0.67 => {
-                if d < 0.5 {
-                    0
-                } else {
-                    2
-                }
-            }
-            (_, d) => (d * 4.0) as usize, // 0..=3
-        };
-        let tau = std::f32::consts::TAU;
-        Self {
-            seed: params.seed,
-            turns,
-            width_m,
-            height_m,
-            bends: [
-                [0.14 + 0.16 * draw(1), tau * draw(2), 0.55 + 0.4 * draw(3)],
-                [0.05 + 0.06 * draw(4), tau * draw(5), 1.4 + 0.8 * draw(6)],
-            ],
-            offset: 0.7 * (draw(7) - 0.5),
-        }
-    }
-
-    /// Place in the valley's own coordinates: across −1..1, and along from 0 at the head to 1 at the mouth (on the map).
-    fn across_and_along(&self, extent: &Extent, row: usize, col: usize) -> (f32, f32) {
-        let x = (extent.center_east_m(col) / self.width_m) as f32;
-        let y = (extent.center_north_m(row) / self.height_m) as f32;
-        match self.turns {
-            0 => (2.0 * x - 1.0, 1.0 - y),
-            1 => (2.0 * y - 1.0, 1.0 - x),
-            2 => (1.0 - 2.0 * x, y),
-            _ => (1.0 - 2.0 * y, x),
-        }
-    }
-
-    /// Where the main valley lies across the map.
-    fn axis(&self, along: f32) -> f32 {
-        let bend = |[amplitude, phase, waves]: [f32; 3]| {
-            amplitude * sin(phase + waves * std::f32::consts::TAU * along)
-        };
-        self.offset + self.bends.into_iter().map(bend).sum::<f32>()
-    }
-
-    /// Cells of the working edge where the river leaves, kept at their height.
-    fn outlets(&self, extent: &Extent) -> Vec<u32> {
-        let edge: Vec<usize> = match self.turns {
-            0 => (0..extent.cols).map(|col| (extent.rows - 1) * extent.cols + col).collect(),
-            1 => (0..extent.rows).map(|row| row * extent.cols).collect(),
-            2 => (0..extent.cols).collect(),
-            _ => (0..extent.rows).map(|row| (row + 1) * extent.cols - 1).collect(),
-        };
-        let distance = |cell: usize| {
-            let (across, along) =
-                self.across_and_along(extent, cell / extent.cols, cell % extent.cols);
-            (across - self.axis(along)).abs()
-        };
-        let nearest = edge.into_iter().min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
-        nearest.into_iter().map(|cell| cell as u32).collect() // cells number less than 2³²
-    }
-
-    /// A first surface: a trough that falls to the mouth between rising flanks, and noise.
-    fn first_sketch_m(&self, extent: &Extent, relief_m: f32) -> Vec<f32> {
-        let longer_m = self.width_m.max(self.height_m);
-        let hills = Noise { seed: self.seed, field: Field::Hills as u8 };
-        let rough = hills.fractal(0.4 * longer_m, 8, 0.6, extent);
-        by_rows(extent, |row, out| {
-            for (col, z) in out.iter_mut().enumerate() {
-                let (across, along) = self.across_and_along(extent, row, col);
-                let flank = (across - self.axis(along)).abs().min(1.0);
-                let upstream = (1.0 - along).max(-0.3);
-                *z = relief_m
-                    * (0.45 * upstream + 0.5 * flank + 0.18 * rough[row * extent.cols + col]);
-            }
-        })
-    }
-
-    /// Slope at which ground slides: some rock stands steeper than other.
-    fn critical_slope(&self, extent: &Extent, steepest: f32) -> Vec<f32> {
-        let longer_m = self.width_m.max(self.height_m);
-        let rock = Noise { seed: self.seed, field: Field::Rock as u8 };
-        let mut slope = rock.fractal(0.25 * longer_m, 4, 0.6, extent);
-        slope.par_iter_mut().for_each(|s| *s = steepest * (1.0 + 0.3 * *s).max(0.5));
-        slope
-    }
-
-    /// How fast rock rises against the landscape's mean, about 0.2..2: slow along the main valley and at its mouth.
-    fn uplift(&self, extent: &Extent) -> Vec<f32> {
-        let longer_m = self.width_m.max(self.height_m);
-        let ridges = Noise { seed: self.seed, field: Field::Ridges as u8 }.ridged(
-            RIDGE_WAVELENGTH_FRACTION * longer_m,
-            6,
-            extent,
-        );
-        let texture = Noise { seed: self.seed, field: Field::Texture as u8 }.fractal(
-            0.12 * longer_m,
-            4,
-            0.6,
-            extent,
-        );
-        by_rows(extent, |row, out| {
-            for (col, rate) in out.iter_mut().enumerate() {
-                let cell = row * extent.cols + col;
-                let (across, along) = self.across_and_along(extent, row, col);
-                let off = across - self.axis(along);
-                let trough = exp(-(off * off) / 0.2);
-                let headwaters = smoothstep(1.0 - along);
-                let rise = 0.6 + 0.35 * ridges[cell] + 0.2 * texture[cell];
-                *rate = (rise * (1.0 - 0.5 * trough) * (0.7 + 0.5 * headwaters)).max(0.1);
-            }
-        })
-    }
 }
 
 #[cfg(test)]

@@ -1,13 +1,14 @@
 //! A landscape of its own: ridges, valleys and a river, for demonstrations and tests without data.
 //!
-//! Reading order: [`landscape`] (from a coarse sketch to the finest cells), [`noise`] (where rock is lifted),
-//! [`drainage`] (where water runs), [`erosion`] (what it carves), [`valley`] (the river's floor and bed), [`extent`].
+//! Reading order: `landscape` (from coarse cells to the finest), `plan` (the large forms), `drainage` (where water
+//! runs), `erosion` (what it carves), `valley` (the river's floor and bed), `noise`, `extent`.
 
 mod drainage;
 mod erosion;
 mod extent;
 mod landscape;
 mod noise;
+mod plan;
 mod valley;
 
 use std::sync::Arc;

@@ -14,13 +14,37 @@ use super::extent::Extent;
 use crate::math;
 use crate::rng::{self, Key, Process};
 
+/// Fields of noise; each has draws of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Field {
+    /// Draws for the whole landscape: where the valley runs.
+    Plan = 0,
+    /// Where rock is lifted into ridges.
+    Ridges = 1,
+    /// The first surface.
+    Hills = 2,
+    /// Words for the drainage's wobble.
+    Jitter = 3,
+    /// Small unevenness of uplift.
+    Texture = 4,
+    /// Rises a river bends around.
+    Bends = 5,
+    /// How steep rock stands.
+    Rock = 6,
+    /// Shifts of ground to the east.
+    BendEast = 7,
+    /// Shifts of ground to the north.
+    BendNorth = 8,
+}
+
 /// A family of noise octaves; each field has draws of its own.
 #[derive(Clone, Copy, Debug)]
 pub struct Noise {
     /// The landscape's seed.
     pub seed: u64,
     /// Tells fields of one landscape apart.
-    pub field: u8,
+    pub field: Field,
 }
 
 impl Noise {
@@ -29,7 +53,7 @@ impl Noise {
             seed: self.seed,
             process: Process::TerrainNoise,
             year: octave,
-            month: self.field,
+            month: self.field as u8,
             entity,
         }
     }
@@ -155,7 +179,7 @@ mod tests {
 
     #[test]
     fn noise_is_zero_on_lattice_points_and_stays_within_one() {
-        let noise = Noise { seed: 3, field: 0 };
+        let noise = Noise { seed: 3, field: Field::Plan };
         // centres at −40 + 5 + 10 i and 30 − 5 − 10 j: multiples of 5
         let on_lattice = noise.gradient(0, 5.0, &extent(6, 9, 10.0));
         assert!(on_lattice.iter().all(|v| v.abs() < 1e-5), "{on_lattice:?}");
@@ -166,7 +190,7 @@ mod tests {
 
     #[test]
     fn a_place_keeps_its_noise_in_another_window() {
-        let noise = Noise { seed: 3, field: 1 };
+        let noise = Noise { seed: 3, field: Field::Ridges };
         let wide = extent(20, 30, 1.0);
         let narrow = Extent { rows: 10, cols: 12, west_m: -35.0, north_m: 27.0, ..wide };
         let (whole, part) = (noise.gradient(2, 6.5, &wide), noise.gradient(2, 6.5, &narrow));
@@ -184,8 +208,8 @@ mod tests {
     #[test]
     fn fields_and_seeds_differ() {
         let e = extent(8, 8, 1.0);
-        let base = Noise { seed: 3, field: 0 }.gradient(0, 3.1, &e);
-        assert_ne!(base, Noise { seed: 4, field: 0 }.gradient(0, 3.1, &e));
-        assert_ne!(base, Noise { seed: 3, field: 1 }.gradient(0, 3.1, &e));
+        let base = Noise { seed: 3, field: Field::Plan }.gradient(0, 3.1, &e);
+        assert_ne!(base, Noise { seed: 4, field: Field::Plan }.gradient(0, 3.1, &e));
+        assert_ne!(base, Noise { seed: 3, field: Field::Ridges }.gradient(0, 3.1, &e));
     }
 }
