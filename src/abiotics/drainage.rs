@@ -1,24 +1,21 @@
 //! Which way water runs: a depression-free surface and the shares each lower neighbour receives.
 //!
+//! Dams that are low and thin are cut through (`breaching`), what stays closed is filled (`filling`).
+//!
 //! Every valid cell of the surface either has a strictly lower neighbour or lies on the map's edge (voids
 //! have edges too), where the ground is taken to go on as it came and water leaves if that is down;
 //! so descending heights are an order in which all of a cell's upslope cells come before it.
 //!
 //! # Reference
-//! Filling: Barnes, Lehman & Mulla 2014, "Priority-flood: An optimal depression-filling and
-//! watershed-labeling algorithm for digital elevation models", Computers & Geosciences 62,
-//! doi:10.1016/j.cageo.2013.04.024 (the variant that leaves a gradient on flats).
-//! Queue: Ahuja, Mehlhorn, Orlin & Tarjan 1990, "Faster algorithms for the shortest path problem",
-//! Journal of the ACM 37(2), doi:10.1145/77600.77615 (radix heap).
 //! Shares: Quinn, Beven, Chevallier & Planchon 1991, "The prediction of hillslope flow paths for
 //! distributed hydrological modelling using digital terrain models", Hydrological Processes 5(1),
 //! doi:10.1002/hyp.3360050106.
-//! # Departures
-//! The gradient on flats is one unit in the last place of an `f32` a step (0.06 mm at 1000 m above
-//! sea level), so a flat 1000 cells wide rises by some centimetres. Only routing sees this surface.
 
 use crate::progress::{Cancelled, Reporter};
 use crate::raster::{Cell, Grid};
+
+use super::breaching::breach;
+use super::filling::fill;
 
 /// Neighbours clockwise from north, as (row, column) steps.
 pub(super) const NEIGHBOURS: [(isize, isize); 8] =
@@ -36,10 +33,7 @@ const CONTOUR_LENGTH: [f32; 8] = {
     [side, corner, side, corner, side, corner, side, corner]
 };
 
-/// Cells between two looks at the cancel flag.
-const CANCEL_INTERVAL: usize = 1 << 20;
-
-/// Elevation with depressions filled to their spill points, in metres.
+/// Elevation without depressions, in metres. Only what concerns water sees it.
 ///
 /// Stored with a rim of one cell around the grid, so that every cell has eight neighbours;
 /// rim and masked cells are infinitely high.
@@ -50,7 +44,8 @@ pub(super) struct DrainageSurface {
 }
 
 impl DrainageSurface {
-    /// Elevation with every depression filled. Water leaves at the edges of the grid and of voids.
+    /// Elevation with every depression cut open or filled. Water leaves at the edges of the grid and of
+    /// voids.
     ///
     /// # Errors
     /// [`Cancelled`] once the run was cancelled.
@@ -58,50 +53,9 @@ impl DrainageSurface {
         let frame = elevation_m.frame();
         let (rows, cols) = (frame.rows, frame.cols);
         let stride = cols + 2;
-        let mask = elevation_m.mask();
-        let offsets = neighbour_offsets(stride);
-
-        // valid cells not yet reached are infinitely low
-        let mut height_m = vec![f32::INFINITY; (rows + 2) * stride];
-        for index in (0..frame.len()).filter(|&i| mask.is_valid(i)) {
-            height_m[padded(stride, index / cols, index % cols)] = f32::NEG_INFINITY;
-        }
-        let elevation_at =
-            |p: usize| elevation_m.values()[(p / stride - 1) * cols + p % stride - 1];
-
-        // edges keep their height: there the water leaves
-        let mut edges = Vec::new();
-        for row in 0..rows {
-            for col in 0..cols {
-                let p = padded(stride, row, col);
-                let reaches_edge = offsets.iter().any(|&o| height_m[step(p, o)] == f32::INFINITY);
-                if height_m[p] != f32::INFINITY && reaches_edge {
-                    edges.push(p);
-                }
-            }
-        }
-        let mut queue = RadixHeap::default();
-        for p in edges {
-            height_m[p] = elevation_at(p);
-            queue.push(height_m[p], p);
-        }
-
-        // inland from the lowest shore, each cell at least a hair above the one it was reached from
-        let mut reached = 0;
-        while let Some(p) = queue.pop() {
-            reached += 1;
-            if reached % CANCEL_INTERVAL == 0 {
-                reporter.check_cancelled()?;
-            }
-            let least = height_m[p].next_up();
-            for o in offsets {
-                let n = step(p, o);
-                if height_m[n] == f32::NEG_INFINITY {
-                    height_m[n] = elevation_at(n).max(least);
-                    queue.push(height_m[n], n);
-                }
-            }
-        }
+        let mut height_m = rimmed(elevation_m);
+        breach(&mut height_m, stride, frame.cell_m(), reporter)?;
+        fill(&mut height_m, stride, reporter)?;
         Ok(Self { rows, cols, height_m })
     }
 
@@ -219,78 +173,41 @@ impl Descent {
     }
 }
 
+/// Heights with a rim of one cell; rim and masked cells are infinitely high.
+pub(super) fn rimmed(elevation_m: &Grid<f32>) -> Vec<f32> {
+    let frame = elevation_m.frame();
+    let stride = frame.cols + 2;
+    let mut height_m = vec![f32::INFINITY; (frame.rows + 2) * stride];
+    for row in 0..frame.rows {
+        let start = padded(stride, row, 0);
+        for (col, height_m) in height_m[start..start + frame.cols].iter_mut().enumerate() {
+            *height_m = *elevation_m.get(Cell { row, col }).unwrap_or(&f32::INFINITY);
+        }
+    }
+    height_m
+}
+
 /// Index with the rim counted.
 #[inline]
-fn padded(stride: usize, row: usize, col: usize) -> usize {
+pub(super) fn padded(stride: usize, row: usize, col: usize) -> usize {
     (row + 1) * stride + col + 1
 }
 
+/// Steps to each of [`NEIGHBOURS`] between indices with the rim counted.
 #[inline]
-fn neighbour_offsets(stride: usize) -> [isize; 8] {
+pub(super) fn neighbour_offsets(stride: usize) -> [isize; 8] {
     NEIGHBOURS.map(|(row, col)| row * stride as isize + col)
 }
 
 #[inline]
-fn step(index: usize, offset: isize) -> usize {
+pub(super) fn step(index: usize, offset: isize) -> usize {
     index.wrapping_add_signed(offset)
-}
-
-/// Priority queue for keys that never fall below the last one taken out.
-/// Bucket b holds keys that differ from the last in bit b − 1 and in none above.
-struct RadixHeap {
-    last_key: u32,
-    buckets: [Vec<(u32, u32)>; 33],
-}
-
-impl Default for RadixHeap {
-    fn default() -> Self {
-        Self { last_key: 0, buckets: std::array::from_fn(|_| Vec::new()) }
-    }
-}
-
-impl RadixHeap {
-    fn bucket(&self, key: u32) -> usize {
-        (u32::BITS - (key ^ self.last_key).leading_zeros()) as usize
-    }
-
-    #[inline]
-    fn push(&mut self, height_m: f32, index: usize) {
-        let key = ordered_bits(height_m);
-        debug_assert!(key >= self.last_key, "keys must not fall");
-        let bucket = self.bucket(key);
-        self.buckets[bucket].push((key, index as u32)); // cells are limited to 400 million
-    }
-
-    #[inline]
-    fn pop(&mut self) -> Option<usize> {
-        if self.buckets[0].is_empty() {
-            let source = self.buckets.iter().position(|b| !b.is_empty())?;
-            let mut entries = std::mem::take(&mut self.buckets[source]);
-            self.last_key = entries.iter().map(|&(key, _)| key).min()?;
-            for entry in entries.drain(..) {
-                let bucket = self.bucket(entry.0);
-                self.buckets[bucket].push(entry);
-            }
-            self.buckets[source] = entries; // keep the allocation
-        }
-        self.buckets[0].pop().map(|(_, index)| index as usize)
-    }
-}
-
-/// Bits that order as the numbers do.
-#[inline]
-fn ordered_bits(x: f32) -> u32 {
-    let bits = x.to_bits();
-    if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
     use crate::math::sin;
-    use crate::raster::{Frame, Mask};
 
     /// Rough heights without any pattern.
     fn rough(cell: Cell) -> f32 {
@@ -300,63 +217,6 @@ mod tests {
 
     fn surface(elevation_m: &Grid<f32>) -> DrainageSurface {
         DrainageSurface::new(elevation_m, &Reporter::silent()).unwrap()
-    }
-
-    /// Fills by lowering a flood until nothing changes (Planchon & Darboux 2002 without gradient).
-    fn naive_fill(elevation_m: &Grid<f32>) -> Vec<f32> {
-        let (rows, cols) = (elevation_m.frame().rows, elevation_m.frame().cols);
-        let valid = |r: isize, c: isize| {
-            r >= 0 && c >= 0 && elevation_m.get(Cell { row: r as usize, col: c as usize }).is_some()
-        };
-        let mut filled = vec![f32::INFINITY; rows * cols];
-        loop {
-            let mut changed = false;
-            for i in 0..rows * cols {
-                let (r, c) = ((i / cols) as isize, (i % cols) as isize);
-                if !valid(r, c) {
-                    continue;
-                }
-                let mut level = f32::INFINITY;
-                for (dr, dc) in NEIGHBOURS {
-                    level = level.min(if valid(r + dr, c + dc) {
-                        filled[((r + dr) * cols as isize + c + dc) as usize]
-                    } else {
-                        f32::NEG_INFINITY
-                    });
-                }
-                let new = elevation_m.values()[i].max(level);
-                changed |= new < filled[i];
-                filled[i] = filled[i].min(new);
-            }
-            if !changed {
-                return filled;
-            }
-        }
-    }
-
-    #[test]
-    fn fills_as_the_naive_flood_does() {
-        let whole = Grid::from_fn(37, 41, 1.0, rough);
-        let valid = (0..37 * 41).map(|i| i % 97 != 5).collect();
-        let holed = Grid::new(
-            Arc::new(Frame::local(37, 41, 1.0)),
-            Arc::new(Mask::new(valid)),
-            whole.values().to_vec(),
-        );
-        for elevation_m in [whole, holed] {
-            let (ours, naive) = (surface(&elevation_m), naive_fill(&elevation_m));
-            let mut raised = 0;
-            for (i, &expected) in naive.iter().enumerate() {
-                if !elevation_m.mask().is_valid(i) {
-                    continue;
-                }
-                let filled = ours.height_m(elevation_m.frame().cell(i));
-                raised += usize::from(expected > elevation_m.values()[i]);
-                // up to one unit in the last place a step: 100 steps of 8e-6 m
-                assert!(filled >= expected && filled - expected < 8e-4, "cell {i}");
-            }
-            assert!(raised > 100, "the test terrain has pits");
-        }
     }
 
     #[test]
@@ -413,16 +273,5 @@ mod tests {
         assert_eq!(descent.steepest_inward(), None);
         let gone: f64 = (0..8).filter(|&d| descent.outward[d]).map(|d| descent.shares()[d]).sum();
         assert!(gone > 0.9, "{gone}");
-    }
-
-    #[test]
-    fn heap_gives_rising_heights_across_zero() {
-        let mut heap = RadixHeap::default();
-        let heights = [3.5, -2.0, 0.0, 1e-3, -1e6, 8848.0, -0.5];
-        for (i, &h) in heights.iter().enumerate() {
-            heap.push(h, i);
-        }
-        let popped: Vec<f32> = std::iter::from_fn(|| heap.pop()).map(|i| heights[i]).collect();
-        assert_eq!(popped, [-1e6, -2.0, -0.5, 0.0, 1e-3, 3.5, 8848.0]);
     }
 }

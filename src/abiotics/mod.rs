@@ -1,14 +1,16 @@
 //! Abiotic maps: what the site offers before any plant competes for it.
 //!
 //! Reading order: [`solar`], [`horizon`], [`exposure`], [`sunlight`]; [`slope`]; [`temperature`]; [`moisture`] with its
-//! `water_balance` (one cell's year), `drainage` (which way water runs), `routing` (from cell to cell) and
+//! `water_balance` (one cell's year), `drainage` (which way water runs, after `breaching` and `filling`), `routing` (from cell to cell) and
 //! `riparian` (land along rivers).
 //!
 //! # Reference
 //! Kapp et al. 2020, section 5.1, doi:10.1145/3414685.3417848.
 
+mod breaching;
 mod drainage;
 pub mod exposure;
+mod filling;
 pub mod horizon;
 pub mod moisture;
 mod riparian;

@@ -213,10 +213,11 @@ pub fn run(
 
 #[cfg(test)]
 mod tests {
-    use std::path::PathBuf;
+    use std::path::{Path, PathBuf};
     use std::sync::Arc;
 
     use super::*;
+    use crate::io::{Limits, raster_file};
     use crate::math;
     use crate::raster::{Cell, Frame, Mask};
     use crate::species::Soil;
@@ -500,19 +501,11 @@ mod tests {
             .collect()
     }
 
-    fn real_tile(path: &std::path::Path, cell_m: f64) -> Grid<f32> {
-        let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
-        let mut decoder = tiff::decoder::Decoder::new(file).unwrap();
-        let (cols, rows) = decoder.dimensions().unwrap();
-        let values: Vec<f32> = match decoder.read_image().unwrap() {
-            tiff::decoder::DecodingResult::F32(v) => v,
-            tiff::decoder::DecodingResult::F64(v) => v.into_iter().map(|z| z as f32).collect(),
-            _ => panic!("{}: heights are not floats", path.display()),
-        };
-        let valid: Vec<bool> = values.iter().map(|z| z.is_finite() && *z > -1000.0).collect();
-        let values = values.iter().zip(&valid).map(|(&z, &v)| if v { z } else { 0.0 }).collect();
-        let frame = Frame::local(rows as usize, cols as usize, cell_m);
-        Grid::new(Arc::new(frame), Arc::new(Mask::new(valid)), values)
+    /// Heights of a file as they are, on cells of a given width.
+    fn real_tile(path: &Path, cell_m: f64) -> Grid<f32> {
+        let raster = raster_file::read(path, None, &Limits::default()).unwrap();
+        let frame = Frame::local(raster.rows, raster.cols, cell_m);
+        Grid::new(Arc::new(frame), Arc::new(Mask::new(raster.valid)), raster.values)
     }
 
     #[test]
@@ -533,6 +526,7 @@ mod tests {
             ("canopy_pairs/pyfor_osbs_dtm.tif", 1.0),
             ("dem/slovenia_TM1_564_146_1m.tif", 1.0),
             ("dem/SFX_A01_2012_laz_1_denoised_dtm.tif", 2.0),
+            ("gresolet/heightfield.elv", 2.0),
         ];
         for (name, cell_m) in tiles {
             let elevation_m = real_tile(&data.join(name), cell_m);
