@@ -62,8 +62,7 @@ impl Default for ImportParams {
             fill_holes_up_to_m2: voids::HOLE_MAX_AREA_M2,
             resampling: Resampling::Auto,
             remove_spikes: true,
-            // chosen: 20,000² cells, 1.6 GB of heights
-            max_cells: 400_000_000,
+            max_cells: crate::io::Limits::default().max_cells,
         }
     }
 }
