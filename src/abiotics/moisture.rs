@@ -405,10 +405,11 @@ mod tests {
         let params = MoistureParams { river_discharge_m3_s: 2e-4, ..MoistureParams::default() };
         let (open, dammed) =
             (water(&valley(-9.0), &sonoma(), &params), water(&valley(3.0), &sonoma(), &params));
-        for row in [80, 92, 100, 120, 158] {
+        // at the road's foot side water comes sooner: more than without, and the same further down
+        for (row, most) in [(80, 1.01), (100, 1.3), (120, 1.1), (158, 1.02)] {
             let bed = Cell { row, col: 60 };
             let ratio = dammed.discharge_m3_s[bed] / open.discharge_m3_s[bed];
-            assert!(dammed.river[bed] && (0.9..1.1).contains(&ratio), "row {row}: {ratio}");
+            assert!(dammed.river[bed] && (0.98..most).contains(&ratio), "row {row}: {ratio}");
         }
     }
 
