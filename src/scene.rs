@@ -28,7 +28,7 @@ const STAGING_PREFIX: &str = ".wildwood-partial-";
 pub enum Error {
     #[error("{path}: cannot write the scene: {source}; check free space and permissions", path = path.display())]
     Write { path: PathBuf, source: io::Error },
-    #[error("{path}: cannot read the scene: {source}", path = path.display())]
+    #[error("{path}: cannot read the scene: {source}; check the disk and permissions", path = path.display())]
     Read { path: PathBuf, source: io::Error },
     #[error("{path}: exists and is not a scene folder; name a new or empty folder with -o", path = path.display())]
     NotAScene { path: PathBuf },
@@ -130,6 +130,9 @@ impl Manifest {
                 } else {
                     Err(Error::NotAScene { path: folder.to_path_buf() })
                 };
+            }
+            Err(e) if e.kind() == io::ErrorKind::InvalidData => {
+                return Err(Error::Manifest { path, problem: "it is no text".to_owned() });
             }
             Err(source) => return Err(Error::Read { path, source }),
         };

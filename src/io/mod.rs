@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 #[allow(missing_docs, reason = "the message tells what the fields are")]
 pub enum Error {
     /// The file could not be read.
-    #[error("{path}: cannot read: {source}", path = path.display())]
+    #[error("{path}: cannot read: {source}; {hint}", path = path.display(), hint = reading_hint(source))]
     Read { path: PathBuf, source: std::io::Error },
     /// The file could not be written.
     #[error("{path}: cannot write: {source}; check free space and permissions", path = path.display())]
@@ -32,13 +32,27 @@ pub enum Error {
 
 impl Error {
     /// Whether the machine failed (exit code 1) rather than the input (exit code 2).
-    /// A file that is not there is the user's to mend: bad input.
+    /// A path that names no file is the user's to mend: bad input.
     pub fn is_machine_failure(&self) -> bool {
         match self {
-            Self::Read { source, .. } => source.kind() != std::io::ErrorKind::NotFound,
+            Self::Read { source, .. } => !names_no_file(source),
             Self::Write { .. } => true,
             Self::Content { .. } => false,
         }
+    }
+}
+
+/// Whether reading failed because the path names nothing, or something that is no file.
+fn names_no_file(source: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{InvalidFilename, IsADirectory, NotADirectory, NotFound};
+    matches!(source.kind(), NotFound | IsADirectory | NotADirectory | InvalidFilename)
+}
+
+fn reading_hint(source: &std::io::Error) -> &'static str {
+    match source.kind() {
+        std::io::ErrorKind::PermissionDenied => "check its permissions",
+        _ if names_no_file(source) => "check the path; it must name a file",
+        _ => "check the disk and the connection it lies behind",
     }
 }
 

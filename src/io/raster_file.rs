@@ -30,7 +30,6 @@ fn format(start: &[u8], path: &Path) -> Format {
         [b'L', b'A', b'S', b'F', ..] => Format::PointCloud,
         _ if ascii_grid::is_ascii_grid(start) => Format::AsciiGrid,
         _ if elv::is_elv(start) || has_extension("elv") => Format::Elv,
-        _ if has_extension("tif") || has_extension("tiff") => Format::GeoTiff,
         _ if has_extension("asc") => Format::AsciiGrid,
         _ => Format::Other,
     }
@@ -79,7 +78,7 @@ pub fn read(
         Format::Elv => elv::parse(&text()?, window, limits).map_err(|e| e.at(path)),
         Format::PointCloud => Err(ParseError::new(
             "the file is a point cloud (LAS or LAZ), not a raster",
-            "give it where a point cloud is asked for",
+            "read it as one: `las::read`, or `wildwood import`",
         )
         .at(path)),
         Format::Other => other(path, window, limits),
@@ -95,7 +94,7 @@ fn other(path: &Path, window: Option<&MapWindow>, limits: &Limits) -> Result<Sou
 fn other(path: &Path, _: Option<&MapWindow>, _: &Limits) -> Result<SourceRaster, Error> {
     Err(ParseError::new(
         "the format is not known",
-        "supported are GeoTIFF (.tif), ESRI ASCII grid (.asc) and .elv; a build with --features gdal reads what GDAL reads, or use gdal_translate IN OUT.tif",
+        "known are GeoTIFF (.tif), ESRI ASCII grid (.asc), .elv, LAS and LAZ; a build with --features gdal reads what GDAL reads, or use gdal_translate IN OUT.tif",
     )
     .at(path))
 }

@@ -1,11 +1,13 @@
 //! Real terrain into a scene folder: read, make terrain, make abiotic maps, write.
 
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::Error;
 use super::scene_files::{StageFiles, mean};
 use crate::abiotics::{self, AbioticMaps};
-use crate::io::{self, Limits, las, raster_file};
+use crate::io::{self, Limits, ParseError, las, raster_file};
 use crate::progress::{Reporter, Stage};
 use crate::raster::{Crs, Grid, LengthUnit, MONTHS, MapWindow};
 use crate::scene::{Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
@@ -17,6 +19,9 @@ use crate::terrain::{Terrain, cloud_import};
 
 /// Raised whenever a stage's results change, so that older scenes are made anew.
 const RESULTS_VERSION: u32 = 1;
+
+/// Bytes read of a climate file at most; chosen: above what the parser takes, so that it tells.
+const MAX_CLIMATE_BYTES: u64 = 16 << 20;
 
 /// What to import, from where, to where.
 #[derive(Clone, Debug)]
@@ -161,14 +166,16 @@ fn read_terrain_in(
 ) -> Result<ReadTerrain, Error> {
     let stage = reporter.stage("read", request.inputs.len() as u64);
     let limits = Limits { max_cells: request.terrain.max_cells, ..Limits::default() };
-    let clouds = request.inputs.iter().filter(|path| is_cloud(path)).count();
-    if clouds > 0 && clouds < request.inputs.len() {
-        let what =
-            "rasters and point clouds in one import; give either elevation rasters or point clouds"
-                .to_owned();
+    let cloud = request.inputs.iter().find(|path| is_cloud(path));
+    let raster = request.inputs.iter().find(|path| !is_cloud(path));
+    if let (Some(cloud), Some(raster)) = (cloud, raster) {
+        let (cloud, raster) = (cloud.display(), raster.display());
+        let what = format!(
+            "{cloud} is a point cloud, {raster} is none; give either elevation rasters or point clouds"
+        );
         return Err(Error::Usage { what });
     }
-    if clouds > 0 {
+    if cloud.is_some() {
         let cloud = read_clouds(request, &limits, reporter, &stage)?;
         drop(stage);
         let path = &request.inputs[0];
@@ -242,9 +249,13 @@ fn read_clouds(
     joined.ok_or_else(|| Error::Usage { what: "no input given; name at least one file".to_owned() })
 }
 
-/// Whether a path names a point cloud.
+/// Whether a file is a point cloud, by its first bytes or its name.
 fn is_cloud(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("las") || e.eq_ignore_ascii_case("laz"))
+    let mut start = [0; 4];
+    let begins_as_one = File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok()
+        && start == *b"LASF";
+    let named = |wanted: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(wanted));
+    begins_as_one || named("las") || named("laz")
 }
 
 fn climate(request: &ImportRequest) -> Result<Climate, Error> {
@@ -252,21 +263,38 @@ fn climate(request: &ImportRequest) -> Result<Climate, Error> {
     let Some(path) = &request.climate_file else {
         return Ok(biome.climate);
     };
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| io::Error::Read { path: path.clone(), source })?;
+    let failed = |source| io::Error::Read { path: path.clone(), source };
+    let mut bytes = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(MAX_CLIMATE_BYTES).read_to_end(&mut bytes))
+        .map_err(failed)?;
+    let text = String::from_utf8(bytes).map_err(|_| {
+        ParseError::new("it is no text", "give a TOML file with a [climate] table").at(path)
+    })?;
     let in_file =
         |e: crate::species::BiomeError| Error::Usage { what: format!("{}: {e}", path.display()) };
     Climate::from_toml(&text).map_err(in_file)
 }
 
 fn hash_inputs(paths: &[PathBuf]) -> Result<Vec<Input>, Error> {
-    let hash = |path: &PathBuf| {
-        let (blake3, bytes) =
-            hash_file(path).map_err(|source| io::Error::Read { path: path.clone(), source })?;
+    let mut inputs: Vec<Input> = Vec::with_capacity(paths.len());
+    for path in paths {
+        let failed = |source| io::Error::Read { path: path.clone(), source };
+        // a pipe or a device would be read for ever, and only once
+        if !std::fs::metadata(path).map_err(failed)?.is_file() {
+            let problem = ParseError::new("it is no file", "name the raster or cloud itself");
+            return Err(problem.at(path).into());
+        }
+        let (blake3, bytes) = hash_file(path).map_err(failed)?;
+        if let Some(first) = inputs.iter().position(|input| input.blake3 == blake3) {
+            let (first, second) = (paths[first].display(), path.display());
+            let what = format!("{first} and {second} are the same file; give each file once");
+            return Err(Error::Usage { what });
+        }
         let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-        Ok(Input { file, bytes, blake3 })
-    };
-    paths.iter().map(hash).collect()
+        inputs.push(Input { file, bytes, blake3 });
+    }
+    Ok(inputs)
 }
 
 fn key(parts: &[&str]) -> String {

@@ -24,7 +24,11 @@ pub(super) fn parse<T: for<'de> Deserialize<'de>>(text: &str) -> Result<T, Biome
     if text.len() > MAX_TEXT_BYTES {
         return Err(BiomeError::TooLarge { bytes: text.len(), limit: MAX_TEXT_BYTES });
     }
-    toml::from_str(text).map_err(|error| BiomeError::Syntax { message: error.to_string() })
+    toml::from_str(text).map_err(|error| {
+        let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or("");
+        let line = before.matches('\n').count() + 1;
+        BiomeError::Syntax { message: format!("line {line}: {}", error.message()) }
+    })
 }
 
 /// Between one and `high` entries.

@@ -125,9 +125,10 @@ pub enum ImportError {
     TooManyCells { rows: f64, cols: f64, max_cells: usize },
     /// The grid would be too small.
     #[error(
-        "{rows} × {cols} cells, {valid_cells} of them with heights: too few to be terrain (4 × 4); give a wider window or narrower cells"
+        "{path}: {rows} × {cols} cells, {valid_cells} of them with heights: too few to be terrain (4 × 4); give a larger raster, a wider window (--bbox) or narrower cells (--cell)",
+        path = path.display()
     )]
-    TooFewCells { rows: usize, cols: usize, valid_cells: usize },
+    TooFewCells { path: PathBuf, rows: usize, cols: usize, valid_cells: usize },
     /// Nothing tells the latitude.
     #[error(
         "nothing tells the latitude, which the sun's path needs; give --latitude DEGREES or --crs EPSG:n"
@@ -213,7 +214,7 @@ pub fn run(
     let too_small = frame.rows.min(frame.cols) < LEAST_SIDE;
     if too_small || mask.valid_count() < LEAST_SIDE * LEAST_SIDE {
         let (rows, cols, valid_cells) = (frame.rows, frame.cols, mask.valid_count());
-        return Err(ImportError::TooFewCells { rows, cols, valid_cells });
+        return Err(ImportError::TooFewCells { path: first_path, rows, cols, valid_cells });
     }
 
     // Latitude and true north
@@ -348,7 +349,8 @@ fn scene_frame(
     match cells.frame(&window, &placement.crs, params.max_cells) {
         Ok(frame) => Ok((tiles, frame)),
         Err((rows, cols)) if rows < 1.0 || cols < 1.0 => {
-            Err(ImportError::TooFewCells { rows: 0, cols: 0, valid_cells: 0 })
+            let path = first.path.clone();
+            Err(ImportError::TooFewCells { path, rows: 0, cols: 0, valid_cells: 0 })
         }
         Err((rows, cols)) => {
             Err(ImportError::TooManyCells { rows, cols, max_cells: params.max_cells })

@@ -71,7 +71,7 @@ pub enum Error {
     NoGround { points: usize },
     /// Ground points, but no surface.
     #[error(
-        "the cloud's {ground_points} ground points lie too far apart for a surface; raise the largest gap above {max_gap_m} m, or give a DEM"
+        "the cloud's {ground_points} ground points lie too far apart for a surface; no gap may be wider than {max_gap_m} m: give a denser cloud, or a DEM"
     )]
     GroundTooSparse { ground_points: usize, max_gap_m: f64 },
     /// No points.
