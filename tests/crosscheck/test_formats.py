@@ -91,6 +91,32 @@ def test_heights_at_points_lie_in_cell_middles(tmp_path):
         assert got.transform == transform
 
 
+@pytest.mark.parametrize("interleave", ["pixel", "band"])
+def test_the_first_of_several_bands_is_the_height(interleave, tmp_path):
+    values = hills(50, 70)
+    source = write_tiff(tmp_path / "dem.tif", values, count=2, interleave=interleave, compress="deflate")
+    with rasterio.open(source, "r+") as out:
+        out.write(values * 0 + 7, 2)
+    assert_equal(imported_heights(source, tmp_path), values)
+
+
+def test_rows_from_the_south_are_turned(tmp_path):
+    values = hills(50, 70)
+    upward = rasterio.Affine(2, 0, 500000, 0, 2, 4099900)
+    source = write_tiff(tmp_path / "dem.tif", values[::-1], transform=upward)
+    folder = run_import(source, tmp_path / "forest")
+    assert_equal(read(folder / "terrain.tif"), values)
+    with rasterio.open(folder / "terrain.tif") as out:
+        assert (out.transform.e, out.transform.f) == (-2, 4100000)
+
+
+def test_the_vertical_part_of_a_crs_gives_the_unit(tmp_path):
+    """UTM with NAVD88 heights in US survey feet."""
+    values = hills(50, 70)
+    source = write_tiff(tmp_path / "dem.tif", values, crs="EPSG:32611+6360")
+    assert np.allclose(imported_heights(source, tmp_path), values * 1200 / 3937, rtol=1e-6)
+
+
 def test_cog_with_overviews(tmp_path):
     values = hills(600, 700)
     source = write_tiff(tmp_path / "dem.tif", values, driver="COG", BLOCKSIZE=256)
