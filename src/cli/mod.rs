@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::io::las;
 use crate::pipeline;
 use crate::progress::Reporter;
 
@@ -58,6 +59,12 @@ enum Command {
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
+    let default_hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |info| {
+        if !las::is_caught_panic(info) {
+            default_hook(info);
+        }
+    }));
     let arguments = Arguments::parse();
     let shared = &arguments.shared;
     if let Some(threads) = shared.threads {

@@ -223,6 +223,12 @@ fn reference(records: &header::Records) -> Result<(Option<Crs>, Option<LengthUni
     Ok((crs, vertical_unit))
 }
 
+/// Whether a panic comes from decompressing damaged bits, which [`parse`] catches and tells as an error.
+/// For panic hooks, which see it before it is caught.
+pub fn is_caught_panic(info: &std::panic::PanicHookInfo<'_>) -> bool {
+    info.location().is_some_and(|location| location.file().contains("/laz-"))
+}
+
 /// The CRS a cloud's header names, `None` where it is silent; no point is read.
 ///
 /// # Errors

@@ -17,8 +17,11 @@ use crate::terrain::import::{self as terrain_import, ImportParams};
 use crate::terrain::mosaic::NamedRaster;
 use crate::terrain::{Terrain, cloud_import};
 
-/// Raised whenever a stage's results change, so that older scenes are made anew.
-const RESULTS_VERSION: u32 = 1;
+/// The code that makes the results: a scene made by other code is made anew.
+const CODE_HASH: &str = env!("WILDWOOD_CODE_HASH");
+
+/// Bytes read of a climate file at most; chosen: above what the parser takes, so that it tells.
+const MAX_CLIMATE_BYTES: u64 = 16 << 20;
 
 /// Bytes read of a climate file at most; chosen: above what the parser takes, so that it tells.
 const MAX_CLIMATE_BYTES: u64 = 16 << 20;
@@ -299,8 +302,7 @@ fn hash_inputs(paths: &[PathBuf]) -> Result<Vec<Input>, Error> {
 
 fn key(parts: &[&str]) -> String {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&RESULTS_VERSION.to_le_bytes());
-    for part in parts {
+    for part in [CODE_HASH].iter().chain(parts) {
         hasher.update(&(part.len() as u64).to_le_bytes());
         hasher.update(part.as_bytes());
     }
