@@ -7,6 +7,7 @@ import numpy as np
 import pyproj
 import pytest
 import rasterio
+import rasterio.shutil
 from rasterio.warp import Resampling, calculate_default_transform, reproject
 
 from conftest import NODATA, assert_equal, hills, read, real, run_import, write_tiff
@@ -158,16 +159,30 @@ def test_warp_is_proj_and_the_kernel_written_out(warped):
     assert warped.farthest(warped.exact) < 1e-3
 
 
-def test_four_tiles_equal_the_whole(tmp_path):
+QUARTERS = [((70, 150), (80, 170)), ((0, 70), (0, 80)), ((70, 150), (0, 80)), ((0, 70), (80, 170))]
+
+
+def ascii_copy(source):
+    """As an ESRI ASCII grid, its .prj beside."""
+    target = source.with_suffix(".asc")
+    rasterio.shutil.copy(source, target, driver="AAIGrid", SIGNIFICANT_DIGITS=9)
+    assert target.with_suffix(".prj").exists()
+    return target
+
+
+@pytest.mark.parametrize("suffix", ["tif", "asc"])
+@pytest.mark.parametrize("overlap", [0, 6])
+def test_four_tiles_equal_the_whole(suffix, overlap, tmp_path):
     """Tiles with a lake across all seams, given in no order: every raster as if there was one file."""
     values = hills(150, 170)
     values[60:90, 70:100] = NODATA
     whole = write_tiff(tmp_path / "whole.tif", values, nodata=NODATA)
     tiles = []
-    for number, (rows, cols) in enumerate([((70, 150), (80, 170)), ((0, 70), (0, 80)), ((70, 150), (0, 80)), ((0, 70), (80, 170))]):
-        corner = dict(west=500000.0 + 2 * cols[0], north=4100000.0 - 2 * rows[0], nodata=NODATA)
-        part = values[slice(*rows), slice(*cols)]
-        tiles.append(write_tiff(tmp_path / f"tile{number}.tif", part, **corner))
+    for number, quarter in enumerate(QUARTERS):
+        (top, bottom), (left, right) = ((max(start - overlap, 0), end) for start, end in quarter)
+        corner = dict(west=500000.0 + 2 * left, north=4100000.0 - 2 * top, nodata=NODATA)
+        tile = write_tiff(tmp_path / f"tile{number}.tif", values[top:bottom, left:right], **corner)
+        tiles.append(tile if suffix == "tif" else ascii_copy(tile))
     one, joined = run_import(whole, tmp_path / "one"), run_import(tiles, tmp_path / "joined")
     with rasterio.open(one / "terrain.tif") as a, rasterio.open(joined / "terrain.tif") as b:
         assert a.transform == b.transform and a.crs == b.crs
@@ -188,8 +203,7 @@ def test_bbox_crops_exactly(suffix, window, rows, cols, tmp_path):
     values = hills(100, 120)
     source = write_tiff(tmp_path / "dem.tif", values, tiled=True, blockxsize=32, blockysize=32)
     if suffix == "asc":
-        rasterio.shutil.copy(source, tmp_path / "dem.asc", driver="AAIGrid", SIGNIFICANT_DIGITS=9)
-        source = tmp_path / "dem.asc"
+        source = ascii_copy(source)
     folder = run_import(source, tmp_path / "forest", "--bbox", ",".join(map(str, window)))
     with rasterio.open(folder / "terrain.tif") as out:
         corner = (out.transform.c, out.transform.f, out.transform.a)
