@@ -200,9 +200,10 @@ pub fn run(
     let balance = std::array::from_fn(|m| WaterBalance {
         rain_mm: f64::from(climate.rain_mm[m]),
         evaporation_mm: f64::from(climate.rain_mm[m]) * evaporated,
-        transpiration_mm: (sums.transpiration_mm[m] + uptake.taken_mm[m]) / cells,
-        storage_change_mm: sums.storage_change_mm[m] / cells,
-        outflow_mm: (sums.outflow_mm[m] - uptake.taken_mm[m]) / cells,
+        transpiration_mm: (sums.transpiration_mm[m] + uptake.transpired_mm[m]) / cells,
+        storage_change_mm: (sums.storage_change_mm[m] + uptake.storage_change_mm[m]) / cells,
+        outflow_mm: (sums.outflow_mm[m] - uptake.transpired_mm[m] - uptake.storage_change_mm[m])
+            / cells,
     });
     Ok(Water {
         moisture_mm: MonthlyGrid::new(frame.clone(), elevation_m.mask().clone(), moisture_mm),
@@ -300,6 +301,7 @@ mod tests {
                 "month {month}: {:.2e} of rain",
                 books.error_mm() / books.rain_mm
             );
+            assert!(books.outflow_mm >= 0.0, "month {month}: {books:?}");
         }
     }
 
