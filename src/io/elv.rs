@@ -1,8 +1,7 @@
 //! `.elv`: the plain-text heightfields of the Deadwood and EcoLearn programs.
 //!
 //! A header `nx ny cell latitude`, then ny rows of nx heights; x runs along a row, from west to east. The **first**
-//! row is the southernmost: Deadwood's own reader stores file row j as grid row ny − 1 − j, and its sun stands south
-//! of grid row 0.
+//! row is the southernmost: Deadwood's own reader stores file row j as grid row ny − 1 − j, and grid row 0 is north.
 //!
 //! Heights are read as metres. EcoLearn writes the same header and feet (its cells of 0.9144 m are three feet), which
 //! the file does not tell: the caller overrides the vertical unit. Which place on Earth it is, the file does not tell

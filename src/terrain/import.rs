@@ -105,7 +105,7 @@ pub enum ImportError {
     NoData { path: PathBuf },
     /// Heights are not of this Earth.
     #[error(
-        "{path}: {cells} heights lie outside −12,000…9,000 m (lowest {lowest_m} m, highest {highest_m} m); is the unit right (--vertical-unit), is a nodata value undeclared?",
+        "{path}: {cells} heights lie outside −500…9,000 m (lowest {lowest_m} m, highest {highest_m} m); is the unit right (--vertical-unit), is a nodata value undeclared?",
         path = path.display()
     )]
     Heights { path: PathBuf, cells: usize, lowest_m: f32, highest_m: f32 },

@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::codec::{self, Compression, Predictor, SampleType, Scaling};
-use super::directory::damaged;
+use super::directory::{damaged, unreadable};
 use super::source::{ByteSource, Positioned};
 use crate::io::ParseError;
 use crate::io::window::{self, CellWindow};
@@ -197,7 +197,9 @@ impl Chunks {
         let stored = self.byte_counts[chunk].min(unpacked.saturating_mul(2).saturating_add(1024));
         let mut packed = vec![0; usize::try_from(stored).map_err(|e| failed(&e))?];
         let mut stream = Positioned::at(source, self.offsets[chunk]);
-        stream.read_exact(&mut packed).map_err(|e| failed(&e))?;
+        stream
+            .read_exact(&mut packed)
+            .map_err(|e| unreadable(format!("tile or strip {chunk} cannot be read"), &e))?;
         let unpacked = usize::try_from(unpacked).map_err(|e| failed(&e))?;
         let mut samples =
             codec::unpack(self.compression, packed, unpacked).map_err(|e| failed(&e))?;

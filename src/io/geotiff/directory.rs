@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::source::{ByteSource, Positioned};
-use crate::io::ParseError;
+use crate::io::{ParseError, ParseErrorKind};
 use std::io::Read;
 
 /// Most tags of a directory; real files have under 40.
@@ -35,6 +35,15 @@ pub(super) fn damaged(what: impl Into<String>) -> ParseError {
     ParseError::new(what, "the file is damaged or cut short: copy or download it again")
 }
 
+/// Trouble while reading bytes that lie in the file: the device's, unless the file has shrunk.
+pub(super) fn unreadable(what: impl Into<String>, error: &std::io::Error) -> ParseError {
+    let problem = damaged(format!("{}: {error}", what.into()));
+    match error.kind() {
+        std::io::ErrorKind::UnexpectedEof => problem,
+        kind => problem.of_kind(ParseErrorKind::Device(kind)),
+    }
+}
+
 /// Bytes of one value of a TIFF type.
 fn size_of(kind: u16) -> Option<u64> {
     match kind {
@@ -56,7 +65,7 @@ impl<S: ByteSource + ?Sized> Fields<'_, S> {
         let mut bytes = [0; N];
         self.stream
             .read_exact(&mut bytes)
-            .map_err(|e| damaged(format!("the TIFF directory cannot be read: {e}")))?;
+            .map_err(|e| unreadable("the TIFF directory cannot be read", &e))?;
         Ok(bytes)
     }
 
@@ -169,7 +178,7 @@ impl<'a, S: ByteSource + ?Sized> Directory<'a, S> {
         let mut bytes = vec![0; len as usize]; // at most the constant above
         Positioned::at(self.source, entry.offset)
             .read_exact(&mut bytes)
-            .map_err(|e| damaged(format!("tag {tag} cannot be read: {e}")))?;
+            .map_err(|e| unreadable(format!("tag {tag} cannot be read"), &e))?;
         if self.little_endian != cfg!(target_endian = "little") {
             let word = if matches!(entry.kind, 5 | 10) { 4 } else { size as usize }; // 1, 2, 4 or 8
             bytes.chunks_exact_mut(word).for_each(<[u8]>::reverse);
