@@ -156,6 +156,11 @@ impl Reporter {
         Self::new(Box::new(Silence), Arc::default())
     }
 
+    /// A silent reporter that is cancelled with this one.
+    pub fn silenced(&self) -> Self {
+        Self::new(Box::new(Silence), Arc::clone(&self.cancelled))
+    }
+
     /// Begins a stage of `total` units of work; it ends when the handle is dropped.
     pub fn stage(&self, stage: &'static str, total: u64) -> Stage<'_> {
         self.sink.event(&Event::StageStarted { stage, total });

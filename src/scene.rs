@@ -8,17 +8,18 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
-use crate::raster::{Crs, Frame, GeoTransform};
+use crate::raster::{Crs, CrsError, GeoTransform};
 use crate::terrain::Terrain;
 
 /// Version of the folder's layout; folders of another version are refused.
 pub const FORMAT: u32 = 1;
 const MANIFEST: &str = "scene.toml";
+/// How `scene.toml` calls [`Crs::Local`].
+const LOCAL: &str = "local";
 const STAGING_PREFIX: &str = ".wildwood-partial-";
 
 /// Trouble with a scene folder.
@@ -32,8 +33,8 @@ pub enum Error {
     Read { path: PathBuf, source: io::Error },
     #[error("{path}: exists and is not a scene folder; name a new or empty folder with -o", path = path.display())]
     NotAScene { path: PathBuf },
-    #[error("{path}: not a scene: it has no {MANIFEST}; make one with `wildwood import`", path = path.display())]
-    Missing { path: PathBuf },
+    #[error("{path}: holds a scene of real terrain; name another folder with -o", path = path.display())]
+    RealScene { path: PathBuf },
     #[error("{path}: {problem}; import the terrain again into a new folder", path = path.display())]
     Manifest { path: PathBuf, problem: String },
 }
@@ -79,10 +80,10 @@ pub struct SceneHead {
     pub rows: usize,
     /// Columns of every raster.
     pub cols: usize,
-    /// Latitude of the middle, degrees north.
-    pub latitude_deg: f64,
-    /// Angle from true north to grid north, degrees clockwise.
-    pub grid_convergence_deg: f64,
+    /// Latitude of the middle, north positive; radians, so that no digit is lost on the way back.
+    pub latitude_rad: f64,
+    /// Angle from true north to grid north, clockwise positive.
+    pub grid_convergence_rad: f64,
     /// The biome whose climate and species the scene has.
     pub biome: String,
     /// The user's seed.
@@ -148,6 +149,11 @@ impl Manifest {
         Ok(Some(manifest))
     }
 
+    /// The files of all stages.
+    pub fn files(&self) -> impl Iterator<Item = &String> {
+        self.stages.values().flat_map(|stage| stage.files.keys())
+    }
+
     /// Whether a stage was run with this key and its files still are what it wrote.
     ///
     /// # Errors
@@ -180,7 +186,7 @@ impl SceneHead {
             wildwood_version: env!("CARGO_PKG_VERSION").to_owned(),
             name: folder_name(folder),
             crs: match &frame.crs {
-                Crs::Local => "local".to_owned(),
+                Crs::Local => LOCAL.to_owned(),
                 crs => crs.to_string(),
             },
             south_west_m: [west_m, north_m - extent_m[1]],
@@ -188,28 +194,19 @@ impl SceneHead {
             cell_m,
             rows: frame.rows,
             cols: frame.cols,
-            latitude_deg: terrain.latitude_rad.to_degrees(),
-            grid_convergence_deg: terrain.grid_convergence_rad.to_degrees(),
+            latitude_rad: terrain.latitude_rad,
+            grid_convergence_rad: terrain.grid_convergence_rad,
             biome: biome.to_owned(),
             seed,
         }
     }
 
-    /// The frame of the scene's rasters.
+    /// The CRS of the scene's map coordinates.
     ///
     /// # Errors
-    /// What is wrong with the CRS.
-    pub fn frame(&self) -> Result<Arc<Frame>, String> {
-        let crs = match self.crs.as_str() {
-            "local" => Crs::Local,
-            text => Crs::parse(text).map_err(|e| e.to_string())?,
-        };
-        let transform = GeoTransform {
-            west_m: self.south_west_m[0],
-            north_m: self.south_west_m[1] + self.extent_m[1],
-            cell_m: self.cell_m,
-        };
-        Ok(Arc::new(Frame { rows: self.rows, cols: self.cols, transform, crs }))
+    /// [`CrsError`] if it is not understood.
+    pub fn crs(&self) -> Result<Crs, CrsError> {
+        if self.crs == LOCAL { Ok(Crs::Local) } else { Crs::parse(&self.crs) }
     }
 }
 
@@ -279,11 +276,12 @@ impl Transaction {
         let missing = home.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists());
         let made_parents: Vec<PathBuf> = missing.map(Path::to_path_buf).collect();
         fs::create_dir_all(home).map_err(fail)?;
-        let staging =
-            tempfile::Builder::new().prefix(STAGING_PREFIX).tempdir_in(home).map_err(|e| {
-                remove_empty(&made_parents);
-                fail(e)
-            })?;
+        sweep(home);
+        let prefix = format!("{STAGING_PREFIX}{}-", std::process::id());
+        let staging = tempfile::Builder::new().prefix(&prefix).tempdir_in(home).map_err(|e| {
+            remove_empty(&made_parents);
+            fail(e)
+        })?;
         let folder = folder.to_path_buf();
         Ok(Self { folder, staging, made_parents, files: Vec::new(), committed: false })
     }
@@ -307,27 +305,79 @@ impl Transaction {
         Ok(hash)
     }
 
-    /// Publishes every file, the manifest last.
+    /// Publishes every file, the manifest last, and removes files that the scene's former manifest lists and this
+    /// one does not.
+    ///
+    /// A run killed in the middle leaves files that `scene.toml` does not know by hash: the next run makes them again.
     ///
     /// # Errors
-    /// [`Error::Write`]; nothing is left behind.
+    /// [`Error::Write`]; the folder is then as it was.
     pub fn commit(mut self, manifest: &Manifest) -> Result<(), Error> {
         let text = toml::to_string(manifest).map_err(|e| Error::Manifest {
             path: self.folder.join(MANIFEST),
             problem: e.to_string(),
         })?;
+        let former = Manifest::read(&self.folder)?;
         self.write(MANIFEST, |file| io::Write::write_all(file, text.as_bytes()))?;
-        let fail = |source| Error::Write { path: self.folder.clone(), source };
-        if !self.folder.is_dir() {
+        if self.folder.is_dir() {
+            self.replace_files()?;
+            for file in former.iter().flat_map(Manifest::files) {
+                if manifest.files().all(|kept| kept != file) {
+                    let _ = fs::remove_file(self.folder.join(file)); // gone already: so be it
+                }
+            }
+        } else {
+            let fail = |source| Error::Write { path: self.folder.clone(), source };
             make_visible(self.staging.path()).map_err(fail)?;
             fs::rename(self.staging.path(), &self.folder).map_err(fail)?;
-        } else {
-            for name in &self.files {
-                fs::rename(self.staging.path().join(name), self.folder.join(name)).map_err(fail)?;
-            }
         }
         self.committed = true;
         Ok(())
+    }
+
+    /// Renames the staged files over the folder's, or none of them.
+    fn replace_files(&self) -> Result<(), Error> {
+        let former = self.staging.path().join("former");
+        let fail = |path: PathBuf| move |source| Error::Write { path, source };
+        fs::create_dir(&former).map_err(fail(self.folder.clone()))?;
+        for (done, name) in self.files.iter().enumerate() {
+            let path = self.folder.join(name);
+            let replaced = set_aside(&path, &former.join(name))
+                .and_then(|()| fs::rename(self.staging.path().join(name), &path));
+            if let Err(source) = replaced {
+                for name in &self.files[..=done] {
+                    // back to how it was; what cannot be restored is made again by the next run
+                    let _ = fs::rename(former.join(name), self.folder.join(name));
+                }
+                return Err(Error::Write { path, source });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Moves a file out of the way, if it is there.
+fn set_aside(path: &Path, aside: &Path) -> io::Result<()> {
+    match fs::symlink_metadata(path) {
+        Ok(found) if found.is_dir() => Err(io::Error::from(io::ErrorKind::IsADirectory)),
+        Ok(_) => fs::rename(path, aside),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(e) => Err(e),
+    }
+}
+
+/// Removes what runs that were killed left in `home`.
+fn sweep(home: &Path) {
+    let abandoned = |name: &str| {
+        let process = name.strip_prefix(STAGING_PREFIX)?.split('-').next()?.parse::<u32>().ok()?;
+        // elsewhere than on Linux nothing tells whether the process lives
+        (Path::new("/proc/self").exists() && !Path::new("/proc").join(process.to_string()).exists())
+            .then_some(())
+    };
+    for entry in fs::read_dir(home).into_iter().flatten().flatten() {
+        if abandoned(&entry.file_name().to_string_lossy()).is_some() {
+            let _ = fs::remove_dir_all(entry.path());
+        }
     }
 }
 
@@ -416,6 +466,41 @@ mod tests {
         transaction.write("terrain.tif", |f| f.write_all(b"half")).unwrap();
         drop(transaction);
         assert_eq!(fs::read_dir(home.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_failed_commit_restores_the_folder() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("forest");
+        let written = write_scene(&folder, "one");
+        fs::create_dir(folder.join("slope.tif")).unwrap(); // in the way of a file
+        let mut transaction = Transaction::begin(&folder).unwrap();
+        transaction.write("terrain.tif", |f| f.write_all(b"two")).unwrap();
+        transaction.write("slope.tif", |f| f.write_all(b"two")).unwrap();
+        let error = transaction.commit(&written).unwrap_err();
+        assert!(error.to_string().contains("slope.tif"), "{error}");
+        assert_eq!(fs::read_to_string(folder.join("terrain.tif")).unwrap(), "one");
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 3, "staging is gone");
+    }
+
+    #[test]
+    fn files_of_dropped_stages_are_removed() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("forest");
+        let mut written = write_scene(&folder, "one");
+        written.stages.clear();
+        Transaction::begin(&folder).unwrap().commit(&written).unwrap();
+        assert!(!folder.join("terrain.tif").exists());
+    }
+
+    #[test]
+    fn what_a_killed_run_left_is_swept() {
+        let home = tempfile::tempdir().unwrap();
+        let process = 4_000_000; // above what Linux gives out
+        let left = home.path().join(format!("{STAGING_PREFIX}{process}-x"));
+        fs::create_dir(&left).unwrap();
+        write_scene(&home.path().join("forest"), "one");
+        assert_eq!(left.exists(), !Path::new("/proc/self").exists());
     }
 
     #[test]

@@ -34,7 +34,7 @@ pub use sunlight::SunlightParams;
 pub use temperature::MonthlyTemperature;
 
 /// How abiotic maps are made.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Params {
     /// Sunlight.
     pub sunlight: SunlightParams,
@@ -79,7 +79,8 @@ pub fn run(
     let sunlight_h = rounding::rounded(sunlight.sunlight_h);
     let open_sky_sunlight_h = std::array::from_fn(|month_index| {
         // hours a day: far within f32
-        sunlight::open_sky_sunlight_h(terrain.latitude_rad, climate, month_index) as f32
+        sunlight::open_sky_sunlight_h(terrain.latitude_rad, climate, &params.sunlight, month_index)
+            as f32
     });
     let water = moisture::run(
         terrain,

@@ -17,7 +17,7 @@ use crate::species::Climate;
 use crate::terrain::Terrain;
 
 /// How sunlight is worked out.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct SunlightParams {
     /// Directions in which the horizon is looked up, at least 8 (fewer are taken as 8).
     pub azimuth_count: usize,
@@ -77,8 +77,13 @@ pub fn run(
 }
 
 /// Sunlight on open level ground, in hours a day: the day's length less what clouds keep.
-pub fn open_sky_sunlight_h(latitude_rad: f64, climate: &Climate, month_index: usize) -> f64 {
-    let light = MonthLight::new(latitude_rad, climate, &SunlightParams::default(), month_index);
+pub fn open_sky_sunlight_h(
+    latitude_rad: f64,
+    climate: &Climate,
+    params: &SunlightParams,
+    month_index: usize,
+) -> f64 {
+    let light = MonthLight::new(latitude_rad, climate, params, month_index);
     f64::from(light.sunlight_h(light.day_length_h, 1.0))
 }
 
@@ -163,7 +168,12 @@ mod tests {
             let clear = f64::from(climate.clear_sky_fraction[month_index]);
             let day_h = day_length_h(latitude_rad, declination_rad(*day));
             let expected_h = day_h * (clear + 0.25 * (1.0 - clear));
-            let open_h = open_sky_sunlight_h(latitude_rad, &climate, month_index);
+            let open_h = open_sky_sunlight_h(
+                latitude_rad,
+                &climate,
+                &SunlightParams::default(),
+                month_index,
+            );
             assert!((open_h - expected_h).abs() < 1e-5);
             for hours in sunlight.sunlight_h.month(month_index) {
                 assert!((f64::from(*hours) - expected_h).abs() < 1e-4);

@@ -52,18 +52,18 @@ enum Workload {
 const CLOUD_SIDE_M: f64 = 1000.0;
 const CLOUD_POINTS_PER_M2: f64 = 4.0;
 
-pub fn run(arguments: &BenchArguments) -> Outcome {
+pub fn run(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
     let Some(workload) = arguments.workload else {
-        return run_all(arguments);
+        return run_all(arguments, reporter);
     };
     let name = workload.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned());
-    let folder = tempfile::tempdir().map_err(|source| usage("temporary folder", source))?;
-    let prepared = prepare(workload, arguments, folder.path())?;
+    let folder = tempfile::tempdir().map_err(|source| failed("temporary folder", source))?;
+    let prepared = prepare(workload, arguments, folder.path(), reporter)?;
     let mut runs = Vec::new();
     for _ in 0..arguments.repeat {
         runs.push(match &prepared {
-            Prepared::Terrain(terrain) => abiotic_maps(terrain)?,
-            Prepared::File(input) => whole_import(input, folder.path())?,
+            Prepared::Terrain(terrain) => abiotic_maps(terrain, reporter)?,
+            Prepared::File(input) => whole_import(input, folder.path(), reporter)?,
         });
     }
     runs.sort_by(|a, b| seconds(a).total_cmp(&seconds(b)));
@@ -85,9 +85,10 @@ enum Prepared {
     File(PathBuf),
 }
 
-fn run_all(arguments: &BenchArguments) -> Outcome {
-    let program = std::env::current_exe().map_err(|e| usage("own program", e))?;
+fn run_all(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
+    let program = std::env::current_exe().map_err(|e| failed("own program", e))?;
     for workload in Workload::value_variants() {
+        reporter.check_cancelled()?;
         let Some(value) = workload.to_possible_value() else { continue };
         let mut command = Command::new(&program);
         command.args(["bench", value.get_name(), "--repeat", &arguments.repeat.to_string()]);
@@ -97,16 +98,16 @@ fn run_all(arguments: &BenchArguments) -> Outcome {
                 command.arg(flag).arg(path);
             }
         }
-        let status = command.status().map_err(|e| usage("bench", e))?;
+        let status = command.status().map_err(|e| failed("bench", e))?;
         if !status.success() {
-            return Err(Error::Usage { what: format!("workload {} failed", value.get_name()) });
+            return Err(Error::Failed { what: format!("workload {} failed", value.get_name()) });
         }
     }
     Ok(())
 }
 
-fn usage(what: &str, e: std::io::Error) -> Error {
-    Error::Usage { what: format!("{what}: {e}") }
+fn failed(what: &str, e: std::io::Error) -> Error {
+    Error::Failed { what: format!("{what}: {e}") }
 }
 
 fn seconds(run: &Value) -> f64 {
@@ -117,10 +118,11 @@ fn prepare(
     workload: Workload,
     arguments: &BenchArguments,
     folder: &Path,
+    reporter: &Reporter,
 ) -> Result<Prepared, Error> {
     let generated = |size: usize, cell_m: f64| {
         let params = GenerateParams { rows: size, cols: size, cell_m, ..GenerateParams::default() };
-        generate::generate(&params, &Reporter::silent())
+        generate::generate(&params, &reporter.silenced())
     };
     Ok(match workload {
         Workload::Abiotics512 => Prepared::Terrain(generated(512, 2.0)?),
@@ -148,9 +150,9 @@ fn prepare(
 }
 
 /// All four maps.
-fn abiotic_maps(terrain: &Terrain) -> Result<Value, Error> {
+fn abiotic_maps(terrain: &Terrain, reporter: &Reporter) -> Result<Value, Error> {
     let climate = Biome::builtin(import::DEFAULT_BIOME)?.climate;
-    let reporter = Reporter::silent();
+    let reporter = reporter.silenced();
     let started = Instant::now();
     let maps = abiotics::run(terrain, &climate, &abiotics::Params::default(), &reporter)?;
     let seconds = started.elapsed().as_secs_f64();
@@ -170,15 +172,15 @@ fn stages(reporter: &Reporter) -> Value {
         .into()
 }
 
-fn whole_import(input: &Path, folder: &Path) -> Result<Value, Error> {
+fn whole_import(input: &Path, folder: &Path, reporter: &Reporter) -> Result<Value, Error> {
     let scene = folder.join("scene");
     let request = import::ImportRequest::new(vec![input.to_path_buf()], scene.clone());
     let started = Instant::now();
-    let imported = import::read_terrain(&request, &Reporter::silent())?;
+    let imported = import::read_terrain(&request, &reporter.silenced())?;
     let seconds = started.elapsed().as_secs_f64();
     let cells = imported.terrain.elevation_m.frame().len();
     drop(imported);
-    let reporter = Reporter::silent();
+    let reporter = reporter.silenced();
     let started = Instant::now();
     import::run(&request, &reporter)?;
     let scene_s = started.elapsed().as_secs_f64();

@@ -31,6 +31,9 @@ pub struct ImportArguments {
     /// CRS of the input's coordinates, where it names none or a wrong one: EPSG:n or a PROJ string.
     #[arg(long)]
     crs: Option<String>,
+    /// Unit of the input's coordinates, where no CRS tells it.
+    #[arg(long, value_enum)]
+    horizontal_unit: Option<Unit>,
     /// Unit of the input's heights, where its header is silent or wrong.
     #[arg(long, value_enum)]
     vertical_unit: Option<Unit>,
@@ -70,6 +73,16 @@ enum Unit {
     UsFt,
 }
 
+impl Unit {
+    fn length(self) -> LengthUnit {
+        match self {
+            Self::M => LengthUnit::Metre,
+            Self::Ft => LengthUnit::Foot,
+            Self::UsFt => LengthUnit::UsSurveyFoot,
+        }
+    }
+}
+
 #[derive(Clone, Copy, ValueEnum)]
 enum ResamplingArgument {
     /// Average where cells grow, bicubic otherwise.
@@ -87,11 +100,14 @@ pub fn run(arguments: &ImportArguments, shared: &Shared, reporter: &Reporter) ->
 /// Tells what the scene holds.
 pub fn report(folder: &std::path::Path, manifest: &Manifest, shared: &Shared) {
     let head = &manifest.scene;
+    if shared.quiet {
+        return;
+    }
     if shared.json {
         terminal::line(
-            &json!({"event": "done", "folder": folder, "scene": head, "stages": manifest.stages}),
+            &json!({"event": "done", "folder": folder.display().to_string(), "scene": head, "stages": manifest.stages}),
         );
-    } else if !shared.quiet {
+    } else {
         let [width, height] = head.extent_m;
         terminal::say(&format!(
             "{}: {} × {} cells of {} m ({:.0} × {:.0} m), {}, biome {}; look at {}",
@@ -118,11 +134,8 @@ fn request(arguments: &ImportArguments, seed: u64) -> Result<ImportRequest, Erro
     if let Some(text) = &arguments.crs {
         terrain.crs = Some(Crs::parse(text).map_err(|e| usage(format!("--crs {text}: {e}")))?);
     }
-    terrain.vertical_unit = arguments.vertical_unit.map(|unit| match unit {
-        Unit::M => LengthUnit::Metre,
-        Unit::Ft => LengthUnit::Foot,
-        Unit::UsFt => LengthUnit::UsSurveyFoot,
-    });
+    terrain.horizontal_unit = arguments.horizontal_unit.map(Unit::length);
+    terrain.vertical_unit = arguments.vertical_unit.map(Unit::length);
     if let Some(bbox) = &arguments.bbox {
         let [west, south, east, north] = bbox[..] else {
             return Err(usage("--bbox takes four numbers: WEST,SOUTH,EAST,NORTH".to_owned()));

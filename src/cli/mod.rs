@@ -74,12 +74,17 @@ pub fn main() -> ExitCode {
     let cancelled = Arc::new(AtomicBool::new(false));
     let on_interrupt = Arc::clone(&cancelled);
     // without a handler Ctrl-C still ends the process; it only leaves a partial folder to clean up
-    let _ = ctrlc::set_handler(move || on_interrupt.store(true, Ordering::Relaxed));
+    let _ = ctrlc::set_handler(move || {
+        // whoever asks twice does not want to wait for the next check
+        if on_interrupt.swap(true, Ordering::Relaxed) {
+            std::process::exit(1);
+        }
+    });
     let reporter = Reporter::new(terminal::sink(shared.json, shared.quiet), cancelled);
     let done = match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments, shared, &reporter),
         Command::Import(arguments) => import::run(arguments, shared, &reporter),
-        Command::Bench(arguments) => bench::run(arguments),
+        Command::Bench(arguments) => bench::run(arguments, &reporter),
         Command::Doctor => doctor::run(shared.json),
     };
     match done {

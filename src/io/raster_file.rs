@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::geotiff::SharedFile;
 use super::{Error, Limits, ParseError, ascii_grid, elv, geotiff, wkt};
@@ -114,6 +114,12 @@ pub fn geotiff_crs(path: &Path) -> Result<Option<Crs>, Error> {
     let source = SharedFile::open(path).map_err(failed)?;
     let crs = geotiff::read::crs(&source).map_err(|e| e.at(path))?;
     Ok(Some(crs.unwrap_or(Crs::Local)))
+}
+
+/// Files beside a raster that are read with it.
+pub fn beside(path: &Path) -> Vec<PathBuf> {
+    let prj = path.with_extension("prj");
+    if prj != path && prj.is_file() { vec![prj] } else { Vec::new() }
 }
 
 /// The CRS in the `.prj` file beside an ASCII grid, where there is one that is understood.

@@ -1,12 +1,13 @@
 //! A generated landscape into a scene folder.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use super::Error;
 use super::import::{self, ImportRequest, ReadTerrain};
 use crate::abiotics;
 use crate::progress::Reporter;
-use crate::scene::{Manifest, SceneHead, Transaction};
+use crate::scene::{self, Manifest, SceneHead, Transaction};
 use crate::species::Biome;
 use crate::terrain::generate::{self, GenerateParams};
 
@@ -20,21 +21,23 @@ pub fn run(
     terrain: &GenerateParams,
     reporter: &Reporter,
 ) -> Result<Manifest, Error> {
-    let kept = Manifest::read(&folder)?.map(|m| m.stages).unwrap_or_default();
+    if Manifest::read(&folder)?.is_some_and(|scene| !scene.inputs.is_empty()) {
+        return Err(scene::Error::RealScene { path: folder }.into());
+    }
     let climate = Biome::builtin(biome)?.climate;
     let request = ImportRequest {
         biome: biome.to_owned(),
         seed: terrain.seed,
         ..ImportRequest::new(Vec::new(), folder)
     };
+    let mut transaction = Transaction::begin(&request.folder)?;
     let read = ReadTerrain { terrain: generate::generate(terrain, reporter)?, canopy: None };
     let maps = abiotics::run(&read.terrain, &climate, &request.abiotics, reporter)?;
-    let mut transaction = Transaction::begin(&request.folder)?;
     let mut parameters = toml::Table::new();
     parameters.insert("generated_relief_m".to_owned(), f64::from(terrain.relief_m).into());
     let key = String::new(); // generated anew each time: it takes a second
     let entry = import::write_terrain(&read, &mut transaction, key.clone(), parameters)?;
-    let mut stages = kept;
+    let mut stages = BTreeMap::new();
     stages.insert("terrain".to_owned(), entry);
     let entry =
         import::write_abiotics(&read.terrain, &maps, &mut transaction, key, &request, reporter)?;

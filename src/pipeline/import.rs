@@ -9,7 +9,7 @@ use super::scene_files::{StageFiles, mean};
 use crate::abiotics::{self, AbioticMaps};
 use crate::io::{self, Limits, ParseError, las, raster_file};
 use crate::progress::{Reporter, Stage};
-use crate::raster::{Crs, Grid, LengthUnit, MONTHS, MapWindow};
+use crate::raster::{Crs, Frame, GeoTransform, Grid, MONTHS, MapWindow, Mask};
 use crate::scene::{Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
 use crate::species::{Biome, Climate};
 use crate::terrain::framing::Placement;
@@ -17,8 +17,8 @@ use crate::terrain::import::{self as terrain_import, ImportParams};
 use crate::terrain::mosaic::NamedRaster;
 use crate::terrain::{Terrain, cloud_import};
 
-/// The code that makes the results: a scene made by other code is made anew.
-const CODE_HASH: &str = env!("WILDWOOD_CODE_HASH");
+/// Raised whenever a stage's results change, so that older scenes are made anew; `tests/golden.rs` tells when.
+pub const RESULTS_VERSION: u32 = 1;
 
 /// Bytes read of a climate file at most; chosen: above what the parser takes, so that it tells.
 const MAX_CLIMATE_BYTES: u64 = 16 << 20;
@@ -85,9 +85,14 @@ pub struct MeasuredCanopy {
 pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Error> {
     let existing = Manifest::read(&request.folder)?;
     let climate = climate(request)?;
-    let inputs = hash_inputs(&request.inputs)?;
+    let mut files = request.inputs.clone();
+    files.extend(request.inputs.iter().flat_map(|path| raster_file::beside(path)));
+    files.extend(request.climate_file.clone());
+    let inputs = hash_inputs(&files)?;
 
-    let terrain_key = key(&["terrain", &format!("{inputs:?} {:?}", request.terrain)]);
+    // the climate tells the latitude where nothing else does
+    let given = format!("{inputs:?} {:?} {}", request.terrain, climate.latitude_deg);
+    let terrain_key = key(&["terrain", &given]);
     let climate_text = format!("{climate:?}");
     let abiotics_key =
         key(&["abiotics", &terrain_key, &climate_text, &format!("{:?}", request.abiotics)]);
@@ -111,13 +116,14 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         }
         None => read_terrain_in(request, &climate, reporter)?,
     };
-    let name = SceneHead::new(&request.folder, &read.terrain, &request.biome, request.seed);
+    let scene = SceneHead::new(&request.folder, &read.terrain, &request.biome, request.seed);
     let mut manifest =
-        Manifest { scene: name, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
+        Manifest { scene, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
+    reporter.check_cancelled()?;
     let mut transaction = Transaction::begin(&request.folder)?;
     if !terrain_is_current {
         let entry =
-            write_terrain(&read, &mut transaction, terrain_key, terrain_parameters(request))?;
+            write_terrain(&read, &mut transaction, terrain_key, parameters(&request.terrain)?)?;
         manifest.stages.insert("terrain".to_owned(), entry);
     }
     if !abiotics_are_current {
@@ -299,7 +305,8 @@ fn hash_inputs(paths: &[PathBuf]) -> Result<Vec<Input>, Error> {
 
 fn key(parts: &[&str]) -> String {
     let mut hasher = blake3::Hasher::new();
-    for part in [CODE_HASH].iter().chain(parts) {
+    hasher.update(&RESULTS_VERSION.to_le_bytes());
+    for part in parts {
         hasher.update(&(part.len() as u64).to_le_bytes());
         hasher.update(part.as_bytes());
     }
@@ -308,18 +315,25 @@ fn key(parts: &[&str]) -> String {
 
 fn load_terrain(folder: &Path, manifest: &Manifest) -> Result<Terrain, Error> {
     let path = folder.join("terrain.tif");
-    let broken =
-        |problem| crate::scene::Error::Manifest { path: folder.join("scene.toml"), problem };
-    let frame = manifest.scene.frame().map_err(broken)?;
+    let head = &manifest.scene;
+    let broken = |problem: String| {
+        Error::from(crate::scene::Error::Manifest { path: folder.join("scene.toml"), problem })
+    };
+    let crs = head.crs().map_err(|e| broken(e.to_string()))?;
     let raster = raster_file::read(&path, None, &Limits::default())?;
-    if raster.values.len() != frame.len() {
-        return Err(broken("terrain.tif has another size than scene.toml says".to_owned()).into());
+    if (raster.rows, raster.cols) != (head.rows, head.cols) {
+        return Err(broken("terrain.tif has another size than it says".to_owned()));
     }
-    let mask = crate::raster::Mask::new(raster.valid);
+    let transform = GeoTransform {
+        west_m: raster.affine.origin_x,
+        north_m: raster.affine.origin_y,
+        cell_m: raster.affine.col_dx,
+    };
+    let frame = Frame { rows: raster.rows, cols: raster.cols, transform, crs };
     Ok(Terrain {
-        elevation_m: Grid::new(frame, mask.into(), raster.values),
-        latitude_rad: manifest.scene.latitude_deg.to_radians(),
-        grid_convergence_rad: manifest.scene.grid_convergence_deg.to_radians(),
+        elevation_m: Grid::new(frame.into(), Mask::new(raster.valid).into(), raster.values),
+        latitude_rad: head.latitude_rad,
+        grid_convergence_rad: head.grid_convergence_rad,
     })
 }
 
@@ -364,12 +378,8 @@ pub(super) fn write_abiotics(
     files.abiotics(maps, reporter)?;
     let name = crate::scene::folder_name(&request.folder);
     files.preview(&name, terrain, maps, reporter)?;
-    let mut parameters = toml::Table::new();
+    let mut parameters = parameters(&request.abiotics)?;
     parameters.insert("biome".to_owned(), request.biome.clone().into());
-    if let Some(path) = &request.climate_file {
-        let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-        parameters.insert("climate_file".to_owned(), file.into());
-    }
     Ok(files.into_entry(key, parameters, abiotic_figures(maps)))
 }
 
@@ -393,21 +403,7 @@ fn abiotic_figures(maps: &AbioticMaps) -> toml::Table {
     figures
 }
 
-fn terrain_parameters(request: &ImportRequest) -> toml::Table {
-    let ImportParams {
-        crs, vertical_unit, bbox, cell_m, latitude_deg, fill_holes_up_to_m2, ..
-    } = &request.terrain;
-    let mut table = toml::Table::new();
-    let mut add = |name: &str, value: Option<toml::Value>| {
-        if let Some(value) = value {
-            table.insert(name.to_owned(), value);
-        }
-    };
-    add("crs", crs.as_ref().map(|c| c.to_string().into()));
-    add("vertical_unit_m", vertical_unit.map(|u: LengthUnit| u.metres().into()));
-    add("bbox", bbox.map(|b: MapWindow| vec![b.west, b.south, b.east, b.north].into()));
-    add("cell_m", cell_m.map(Into::into));
-    add("latitude_deg", latitude_deg.map(Into::into));
-    add("fill_holes_up_to_m2", Some((*fill_holes_up_to_m2).into()));
-    table
+/// Parameters as the manifest records them.
+fn parameters<P: serde::Serialize>(params: &P) -> Result<toml::Table, Error> {
+    toml::Table::try_from(params).map_err(|e| Error::Failed { what: format!("parameters: {e}") })
 }

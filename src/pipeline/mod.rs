@@ -24,6 +24,8 @@ pub enum Error {
     Terrain(#[from] terrain::import::ImportError),
     #[error("{what}")]
     Usage { what: String },
+    #[error("{what}")]
+    Failed { what: String },
     #[error("cancelled; nothing was written")]
     Cancelled,
 }
@@ -40,7 +42,7 @@ impl Error {
         match self {
             Self::Io(e) => !e.is_machine_failure(),
             Self::Scene(e) => !e.is_machine_failure(),
-            Self::Cancelled => false,
+            Self::Failed { .. } | Self::Cancelled => false,
             _ => true,
         }
     }

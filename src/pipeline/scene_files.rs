@@ -102,10 +102,13 @@ impl<'a> StageFiles<'a> {
         let slope_deg: Vec<f32> = maps.slope_rad.values().iter().map(|s| s.to_degrees()).collect();
         self.single("slope.tif", "slope", "°", &maps.slope_rad, &slope_deg)?;
         stage.advance(1);
+        reporter.check_cancelled()?;
         self.monthly("sunlight.tif", "h/day", &maps.sunlight_h)?;
         stage.advance(1);
+        reporter.check_cancelled()?;
         self.monthly("moisture.tif", "mm", &maps.moisture_mm)?;
         stage.advance(1);
+        reporter.check_cancelled()?;
         let elevation = maps.temperature_c.elevation_m();
         let (frame, mask) = (elevation.frame(), elevation.mask());
         let source = Temperature(&maps.temperature_c);
@@ -114,6 +117,7 @@ impl<'a> StageFiles<'a> {
             &CogBands { frame, mask, bands: &month_bands("°C"), source: &source },
         )?;
         stage.advance(1);
+        reporter.check_cancelled()?;
         self.grid("discharge.tif", "mean discharge", "m3/s", &maps.discharge_m3_s)?;
         stage.advance(1);
         Ok(())

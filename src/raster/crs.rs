@@ -67,6 +67,13 @@ impl Crs {
     }
 }
 
+impl serde::Serialize for Crs {
+    /// As text, the way users write it.
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
 impl fmt::Display for Crs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -23,7 +23,7 @@ pub struct Affine {
 }
 
 /// A unit of length in file headers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum LengthUnit {
     /// Metre.
     Metre,

@@ -1,7 +1,7 @@
 //! Rectangles on the map.
 
 /// A rectangle in map coordinates, in the unit of its CRS: metres in a scene, what the header says in a file.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct MapWindow {
     /// Western edge.
     pub west: f64,

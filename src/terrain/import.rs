@@ -14,7 +14,7 @@ use crate::progress::{Cancelled, Reporter, Warning};
 use crate::raster::{Crs, CrsError, Frame, Grid, LengthUnit, MapWindow, Mask, Projection};
 
 /// How heights are drawn where the scene's cells are not the file's.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum Resampling {
     /// Area average where cells grow by more than half, else bicubic.
     #[default]
@@ -26,7 +26,7 @@ pub enum Resampling {
 }
 
 /// How rasters are imported.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ImportParams {
     /// The CRS of the files' coordinates, in place of what they name; moves nothing.
     pub crs: Option<Crs>,
