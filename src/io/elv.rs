@@ -77,6 +77,7 @@ pub fn parse(
         crs: Some(Crs::Local),
         vertical_unit: None,
         latitude_deg: Some(latitude_deg),
+        crs_problem: None,
         values: (0..rows).flat_map(|row| grid.values[from_north(row)].iter().copied()).collect(),
         valid: (0..rows).flat_map(|row| grid.valid[from_north(row)].iter().copied()).collect(),
         non_finite_cells: std::mem::take(&mut grid.non_finite_cells),

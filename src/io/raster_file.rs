@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::geotiff::SharedFile;
 use super::{Error, Limits, ParseError, ascii_grid, elv, geotiff, wkt};
-use crate::raster::{Crs, MapWindow, SourceRaster};
+use crate::raster::{Affine, Crs, CrsProblem, MapWindow, SourceRaster};
 
 /// Bytes of a text raster per cell at most: more is no text that a program wrote.
 const MAX_TEXT_BYTES_PER_CELL: u64 = 32;
@@ -72,7 +72,7 @@ pub fn read(
         }
         Format::AsciiGrid => {
             let mut raster = ascii_grid::parse(&text()?, window, limits).map_err(|e| e.at(path))?;
-            raster.crs = prj_beside(path);
+            name_crs(&mut raster, path);
             Ok(raster)
         }
         Format::Elv => elv::parse(&text()?, window, limits).map_err(|e| e.at(path)),
@@ -99,33 +99,68 @@ fn other(path: &Path, _: Option<&MapWindow>, _: &Limits) -> Result<SourceRaster,
     .at(path))
 }
 
-/// The CRS a GeoTIFF's header names (`Crs::Local` where it is silent), `None` for other formats.
+/// What a raster's header tells before any cell is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RasterHead {
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of columns.
+    pub cols: usize,
+    /// Map position.
+    pub affine: Affine,
+    /// The CRS; local metres where the header is silent, `None` where what it says is not understood.
+    pub crs: Option<Crs>,
+}
+
+/// The head of a file whose parts can be read alone (GeoTIFF, what GDAL reads); `None` for text, which is read whole.
 /// Lets a caller who knows a window only in another CRS decide before cells are read.
 ///
 /// # Errors
 /// If the file cannot be read or its header is damaged.
-pub fn geotiff_crs(path: &Path) -> Result<Option<Crs>, Error> {
+pub fn head(path: &Path) -> Result<Option<RasterHead>, Error> {
     let failed = |source| Error::Read { path: path.to_path_buf(), source };
     let mut start = Vec::new();
     File::open(path).map_err(failed)?.take(512).read_to_end(&mut start).map_err(failed)?;
-    if start.is_empty() || !matches!(format(&start, path), Format::GeoTiff) {
-        return Ok(None);
+    match format(&start, path) {
+        _ if start.is_empty() => Ok(None),
+        Format::GeoTiff => {
+            let source = SharedFile::open(path).map_err(failed)?;
+            geotiff::read::head(&source).map(Some).map_err(|e| e.at(path))
+        }
+        #[cfg(feature = "gdal")]
+        Format::Other => super::gdal::head(path).map(Some),
+        _ => Ok(None),
     }
-    let source = SharedFile::open(path).map_err(failed)?;
-    let crs = geotiff::read::crs(&source).map_err(|e| e.at(path))?;
-    Ok(Some(crs.unwrap_or(Crs::Local)))
 }
 
 /// Files beside a raster that are read with it.
 pub fn beside(path: &Path) -> Vec<PathBuf> {
-    let prj = path.with_extension("prj");
-    if prj != path && prj.is_file() { vec![prj] } else { Vec::new() }
+    let named = |extension| path.with_extension(extension);
+    ["prj", "PRJ"]
+        .map(named)
+        .into_iter()
+        .find(|prj| prj != path && prj.is_file())
+        .into_iter()
+        .collect()
 }
 
-/// The CRS in the `.prj` file beside an ASCII grid, where there is one that is understood.
-fn prj_beside(path: &Path) -> Option<Crs> {
-    let text = std::fs::read_to_string(path.with_extension("prj")).ok()?;
-    wkt::parse(&text).0
+/// Bytes read of a `.prj` file at most; chosen: the longest real ones have some thousands.
+const MAX_PRJ_BYTES: u64 = 1 << 20;
+
+/// Gives an ASCII grid the CRS and the vertical unit of the `.prj` file beside it, where there is one.
+fn name_crs(raster: &mut SourceRaster, path: &Path) {
+    let Some(prj) = beside(path).pop() else { return };
+    let mut bytes = Vec::new();
+    let read = File::open(&prj).and_then(|file| file.take(MAX_PRJ_BYTES).read_to_end(&mut bytes));
+    (raster.crs, raster.vertical_unit) = wkt::parse(&String::from_utf8_lossy(&bytes));
+    let problem = match read {
+        Err(error) => format!("cannot be read ({error})"),
+        Ok(_) if raster.crs.is_none() => "names no CRS that is understood".to_owned(),
+        Ok(_) => return,
+    };
+    let prj = prj.file_name().map(|name| name.display().to_string()).unwrap_or_default();
+    let text = format!("{prj} beside it {problem}; give the CRS yourself: --crs EPSG:n");
+    raster.crs_problem = Some(CrsProblem { text, is_fatal: false });
 }
 
 #[cfg(test)]

@@ -240,6 +240,7 @@ mod tests {
             crs: None,
             vertical_unit: None,
             latitude_deg: None,
+            crs_problem: None,
             values: (0..200_u8).map(f32::from).collect(),
             valid: vec![true; 200],
             non_finite_cells: 0,

@@ -18,5 +18,5 @@ pub use frame::{Cell, Frame, GeoTransform, MapPoint};
 pub use grid::{Grid, MONTHS, MonthlyGrid};
 pub use mask::Mask;
 pub use projection::{Projection, Projector};
-pub use source::{Affine, LengthUnit, SourceRaster};
+pub use source::{Affine, CrsProblem, LengthUnit, SourceRaster};
 pub use window::MapWindow;

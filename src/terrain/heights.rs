@@ -164,6 +164,7 @@ mod tests {
             crs: None,
             vertical_unit: None,
             latitude_deg: None,
+            crs_problem: None,
             valid: vec![true; values.len()],
             values,
             non_finite_cells: 0,

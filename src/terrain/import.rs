@@ -11,7 +11,9 @@ use super::framing::{CellLattice, Lattice, Placement};
 use super::mosaic::NamedRaster;
 use super::{Terrain, heights, onto_frame, point_cloud, voids};
 use crate::progress::{Cancelled, Reporter, Warning};
-use crate::raster::{Crs, CrsError, Frame, Grid, LengthUnit, MapWindow, Mask, Projection};
+use crate::raster::{
+    Crs, CrsError, CrsProblem, Frame, Grid, LengthUnit, MapWindow, Mask, Projection,
+};
 
 /// How heights are drawn where the scene's cells are not the file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -85,6 +87,9 @@ pub enum ImportError {
         first = first.display(), second = second.display()
     )]
     MixedCrs { first: PathBuf, first_crs: String, second: PathBuf, second_crs: String },
+    /// The file names a CRS in a way that is not understood.
+    #[error("{path}: {problem}", path = path.display())]
+    CrsNotUnderstood { path: PathBuf, problem: String },
     /// The CRS cannot be used.
     #[error("{path}: {source}", path = path.display())]
     Crs { path: PathBuf, source: CrsError },
@@ -282,6 +287,14 @@ fn common_crs(
     if let Some(crs) = &params.crs {
         return Ok(crs.clone());
     }
+    for NamedRaster { path, raster } in tiles {
+        let Some(CrsProblem { text, is_fatal }) = &raster.crs_problem else { continue };
+        let (path, problem) = (path.clone(), text.clone());
+        if *is_fatal {
+            return Err(ImportError::CrsNotUnderstood { path, problem });
+        }
+        reporter.warn(Warning::CrsNotUnderstood { path, problem });
+    }
     let name = |tile: &NamedRaster| match &tile.raster.crs {
         Some(crs) => crs.to_string(),
         None => "no CRS".to_owned(),
@@ -404,6 +417,7 @@ mod tests {
             crs,
             vertical_unit: None,
             latitude_deg: None,
+            crs_problem: None,
             values: (0..SIZE * SIZE).map(value).collect(),
             valid: vec![true; SIZE * SIZE],
             non_finite_cells: 0,
@@ -640,6 +654,26 @@ mod tests {
         let mut flat = utm("a.tif");
         flat.raster.affine.col_dx = 0.0;
         assert!(matches!(import(vec![flat], &params).0, Err(ImportError::Georeference { .. })));
+    }
+
+    #[test]
+    fn issue_2_crs_rescues_what_is_not_understood() {
+        let tile = |is_fatal| {
+            let mut tile = utm("a.tif");
+            let text = "an unknown method; give the CRS yourself: --crs EPSG:n".to_owned();
+            (tile.raster.crs, tile.raster.crs_problem) =
+                (None, Some(CrsProblem { text, is_fatal }));
+            tile
+        };
+        let message = refused(vec![utm("b.tif"), tile(true)], &ImportParams::default());
+        assert!(message.contains("a.tif: an unknown method"), "{message}");
+        let params = ImportParams { crs: Some(Crs::Epsg(32633)), ..Default::default() };
+        let (terrain, warnings) = import(vec![tile(true)], &params);
+        assert_eq!(terrain.unwrap().elevation_m.frame().crs, Crs::Epsg(32633));
+        assert_eq!(warnings, []);
+        let (terrain, warnings) = import(vec![tile(false)], &ImportParams::default());
+        assert_eq!(terrain.unwrap().elevation_m.frame().crs, Crs::Local);
+        assert!(matches!(warnings[0], Warning::CrsNotUnderstood { .. }), "{warnings:?}");
     }
 
     #[test]

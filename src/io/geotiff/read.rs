@@ -10,8 +10,9 @@ use super::codec::{Compression, Predictor, SampleType, Scaling};
 use super::directory::Directory;
 use super::source::ByteSource;
 use crate::io::geokeys::{self, GeoReference};
-use crate::io::{Limits, ParseError, window};
-use crate::raster::{Affine, Crs, LengthUnit, MapWindow, SourceRaster};
+use crate::io::raster_file::RasterHead;
+use crate::io::{Limits, ParseError, ParseErrorKind, window};
+use crate::raster::{Affine, Crs, CrsProblem, LengthUnit, MapWindow, SourceRaster};
 
 /// Tag numbers.
 pub(super) mod tag {
@@ -41,27 +42,50 @@ pub(super) mod tag {
     pub const GDAL_NODATA: u16 = 42113;
 }
 
-/// The CRS the header names, `None` where it is silent; no cell is read.
+/// Size and place that the header tells; no cell is read.
 ///
 /// # Errors
-/// If the header is damaged, or describes a CRS in a way that is not understood.
-pub fn crs<S: ByteSource + ?Sized>(source: &S) -> Result<Option<Crs>, ParseError> {
-    Ok(reference(&Directory::read(source)?)?.crs)
+/// If the header is damaged, or tells no place.
+pub fn head<S: ByteSource + ?Sized>(source: &S) -> Result<RasterHead, ParseError> {
+    let directory = Directory::read(source)?;
+    let (reference, problem) = reference(&directory)?;
+    let (rows, cols) = size(&directory)?;
+    Ok(RasterHead {
+        rows,
+        cols,
+        affine: affine(&directory, reference.pixel_is_point)?,
+        crs: match problem {
+            None => Some(reference.crs.unwrap_or(Crs::Local)),
+            Some(_) => None,
+        },
+    })
+}
+
+/// Rows and columns.
+fn size<S: ByteSource + ?Sized>(
+    directory: &Directory<'_, S>,
+) -> Result<(usize, usize), ParseError> {
+    let size = |tag| Ok::<_, ParseError>(directory.integer(tag)?.unwrap_or(0));
+    let (cols, rows) = (size(tag::IMAGE_WIDTH)?, size(tag::IMAGE_LENGTH)?);
+    if cols == 0 || rows == 0 || cols > u64::from(u32::MAX) || rows > u64::from(u32::MAX) {
+        return Err(super::directory::damaged(format!("the image has no cells ({cols} × {rows})")));
+    }
+    Ok((rows as usize, cols as usize)) // below 2³², just checked
 }
 
 fn reference<S: ByteSource + ?Sized>(
     directory: &Directory<'_, S>,
-) -> Result<GeoReference, ParseError> {
+) -> Result<(GeoReference, Option<ParseError>), ParseError> {
     let keys: Vec<u16> = directory
         .integers(tag::GEO_KEY_DIRECTORY)?
         .into_iter()
         .map(|word| word as u16) // the tag holds 16-bit words
         .collect();
-    geokeys::parse(
+    Ok(geokeys::parse_understood(
         &keys,
         &directory.doubles(tag::GEO_DOUBLE_PARAMS)?,
         &directory.text(tag::GEO_ASCII_PARAMS)?,
-    )
+    ))
 }
 
 /// The first band of a GeoTIFF's full-resolution image, or the part of it that `window` (in the file's CRS)
@@ -80,7 +104,7 @@ pub fn parse<S: ByteSource + ?Sized>(
     let (rows, cols) = (chunks.rows, chunks.cols);
 
     // Place
-    let reference = reference(&directory)?;
+    let (reference, crs_problem) = reference(&directory)?;
     let affine = affine(&directory, reference.pixel_is_point)?;
     window::check_affine(&affine, rows, cols)?;
     let range = window::cells(window, &affine, rows, cols, limits)?;
@@ -98,6 +122,7 @@ pub fn parse<S: ByteSource + ?Sized>(
         cols: range.cols.len(),
         affine: window::shifted(&affine, range.rows.start as f64, range.cols.start as f64),
         crs: reference.crs,
+        crs_problem: crs_problem.map(|p| CrsProblem { text: p.to_string(), is_fatal: true }),
         vertical_unit: reference
             .vertical_unit
             .or_else(|| first_band_item(&metadata, "unittype").and_then(unit_by_name)),
@@ -113,6 +138,7 @@ fn unsupported(what: impl Into<String>) -> ParseError {
         what,
         "rewrite it with: gdal_translate -b 1 -ot Float32 -co COMPRESS=DEFLATE IN OUT.tif",
     )
+    .of_kind(ParseErrorKind::Unsupported)
 }
 
 /// The image's layout, checked against the file's length.
@@ -121,11 +147,7 @@ fn chunks<S: ByteSource + ?Sized>(
     file_len: u64,
     limits: &Limits,
 ) -> Result<Chunks, ParseError> {
-    let size = |tag| Ok::<_, ParseError>(directory.integer(tag)?.unwrap_or(0));
-    let (cols, rows) = (size(tag::IMAGE_WIDTH)?, size(tag::IMAGE_LENGTH)?);
-    if cols == 0 || rows == 0 || cols > u64::from(u32::MAX) || rows > u64::from(u32::MAX) {
-        return Err(super::directory::damaged(format!("the image has no cells ({cols} × {rows})")));
-    }
+    let (rows, cols) = size(directory)?;
     match directory.integer(tag::PHOTOMETRIC)? {
         Some(1) => {}
         Some(4) => return Err(unsupported("the first image is a mask, not elevations")),
@@ -163,11 +185,12 @@ fn chunks<S: ByteSource + ?Sized>(
     // Chunks: tiles or strips
     let tiled = directory.count(tag::TILE_OFFSETS) > 0;
     let (chunk_cols, chunk_rows, offsets, byte_counts) = if tiled {
+        let size = |tag| Ok::<_, ParseError>(directory.integer(tag)?.unwrap_or(0));
         let (width, length) = (size(tag::TILE_WIDTH)?, size(tag::TILE_LENGTH)?);
         (width, length, tag::TILE_OFFSETS, tag::TILE_BYTE_COUNTS)
     } else {
-        let rows_per_strip = directory.integer(tag::ROWS_PER_STRIP)?.unwrap_or(rows).min(rows);
-        (cols, rows_per_strip, tag::STRIP_OFFSETS, tag::STRIP_BYTE_COUNTS)
+        let rows_per_strip = directory.integer(tag::ROWS_PER_STRIP)?.unwrap_or(u64::MAX);
+        (cols as u64, rows_per_strip.min(rows as u64), tag::STRIP_OFFSETS, tag::STRIP_BYTE_COUNTS)
     };
     if chunk_cols == 0 || chunk_rows == 0 {
         return Err(super::directory::damaged("the image's tiles or strips have no cells"));
@@ -175,7 +198,11 @@ fn chunks<S: ByteSource + ?Sized>(
     let stored_bands = if planar { 1 } else { bands };
     let chunk_cells = chunk_cols.checked_mul(chunk_rows).and_then(|n| n.checked_mul(stored_bands));
     let chunk_cells = chunk_cells.and_then(|n| usize::try_from(n).ok());
-    if chunk_cells.is_none_or(|n| n > limits.max_cells.max(1 << 20)) {
+    // tiles reach beyond a small image, but not without bounds: they are unpacked whole
+    let image_cells = (rows as u64).saturating_mul(cols as u64);
+    let most_values = image_cells.saturating_mul(4 * stored_bands).saturating_add(1 << 20);
+    let most_values = usize::try_from(most_values).unwrap_or(usize::MAX);
+    if chunk_cells.is_none_or(|n| n > limits.max_cells.max(1 << 20).min(most_values)) {
         return Err(ParseError::new(
             format!(
                 "a single tile or strip of {chunk_cols} × {chunk_rows} × {stored_bands} values is too large"
@@ -184,8 +211,8 @@ fn chunks<S: ByteSource + ?Sized>(
         ));
     }
     let layout = Chunks {
-        rows: rows as usize, // both below 2³², checked above
-        cols: cols as usize,
+        rows,
+        cols,
         chunk_rows: chunk_rows as usize, // below the limit, checked above
         chunk_cols: chunk_cols as usize,
         stored_bands: stored_bands as usize, // at most 4096
