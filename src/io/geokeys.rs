@@ -90,6 +90,7 @@ pub fn parse_understood(
         return (GeoReference::default(), Some(unknown_crs(what)));
     };
     let (crs, problem) = match horizontal(&keys) {
+        Ok(Some(Crs::Proj(text))) => (Some(Crs::of_proj(text)), None),
         Ok(crs) => (crs, None),
         Err(problem) => (None, Some(problem)),
     };
@@ -423,6 +424,7 @@ mod tests {
     fn proj_string(reference: GeoReference) -> String {
         match reference.crs {
             Some(Crs::Proj(text)) => text,
+            Some(Crs::Epsg(code)) => crs_definitions::from_code(code as u16).unwrap().proj4.into(),
             other => panic!("no PROJ string but {other:?}"),
         }
     }
@@ -478,6 +480,7 @@ mod tests {
                 (3087, 1_640_416.666_666_667),
             ],
         );
+        assert_eq!(reference.as_ref().unwrap().crs, Some(Crs::Epsg(2229)));
         let own = proj4rs::Proj::from_proj_string(&proj_string(reference.unwrap())).unwrap();
         let registered = crs_definitions::from_code(2229).unwrap().proj4;
         let registered = proj4rs::Proj::from_proj_string(registered).unwrap();
@@ -508,7 +511,7 @@ mod tests {
                 .unwrap_or_else(|e| panic!("method {method}: {text}: {e}"));
         }
         let utm = read(&[(1024, 1), (3072, 32767), (3074, 16119), (2050, 6326)], &[]).unwrap();
-        assert!(proj_string(utm).starts_with("+proj=utm +zone=19 +south +datum=WGS84"));
+        assert_eq!(utm.crs, Some(Crs::Epsg(32719)));
     }
 
     #[test]

@@ -166,6 +166,7 @@ fn name_crs(raster: &mut SourceRaster, path: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::raster::LengthUnit;
 
     const GRID: &str = "ncols 2\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n5 6\n";
 
@@ -206,8 +207,27 @@ mod tests {
         let prj = r#"PROJCS["NAD_1983_UTM_Zone_11N",GEOGCS["GCS_North_American_1983",DATUM["D_North_American_1983",SPHEROID["GRS_1980",6378137.0,298.257222101]],PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],PARAMETER["False_Easting",500000.0],PARAMETER["False_Northing",0.0],PARAMETER["Central_Meridian",-117.0],PARAMETER["Scale_Factor",0.9996],PARAMETER["Latitude_Of_Origin",0.0],UNIT["Meter",1.0]]"#;
         std::fs::write(path.with_extension("prj"), prj).unwrap();
         let raster = read(&path, None, &Limits::default()).unwrap();
-        let Some(Crs::Proj(text)) = raster.crs else { panic!("no CRS") };
-        assert!(text.contains("+proj=tmerc") && text.contains("+lon_0=-117"), "{text}");
-        proj4rs::Proj::from_proj_string(&text).unwrap();
+        assert_eq!((raster.crs, raster.vertical_unit), (Some(Crs::Epsg(26911)), None));
+
+        // upper case, and the unit of heights that its second part names
+        std::fs::remove_file(path.with_extension("prj")).unwrap();
+        let vertical = r#",VERTCS["NAVD88",VDATUM["NAVD88"],UNIT["Foot",0.3048]]"#;
+        std::fs::write(path.with_extension("PRJ"), format!("{prj}{vertical}")).unwrap();
+        let raster = read(&path, None, &Limits::default()).unwrap();
+        assert_eq!(raster.crs, Some(Crs::Epsg(26911)));
+        assert_eq!(raster.vertical_unit, Some(LengthUnit::Foot));
+    }
+
+    #[test]
+    fn issue_2_a_projection_not_understood_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("dem.asc");
+        std::fs::write(&path, GRID).unwrap();
+        std::fs::write(path.with_extension("prj"), "Projection UTM\nZone 11").unwrap();
+        let raster = read(&path, None, &Limits::default()).unwrap();
+        let problem = raster.crs_problem.unwrap();
+        assert!(problem.text.contains("dem.prj") && !problem.is_fatal, "{problem:?}");
+        std::fs::remove_file(path.with_extension("prj")).unwrap();
+        assert!(read(&path, None, &Limits::default()).unwrap().crs_problem.is_none());
     }
 }
