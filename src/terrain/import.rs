@@ -11,6 +11,7 @@ use super::framing::{CellLattice, Lattice, Placement};
 use super::mosaic::NamedRaster;
 use super::{Terrain, heights, onto_frame, point_cloud, voids};
 use crate::progress::{Cancelled, Reporter, Warning};
+use crate::raster::warp::nearest_turn;
 use crate::raster::{
     Crs, CrsError, CrsProblem, Frame, Grid, LengthUnit, MapWindow, Mask, Projection,
 };
@@ -177,7 +178,10 @@ pub fn run(
     check_params(params)?;
     let crs = common_crs(&tiles, params, reporter)?;
     let file_latitude_deg = tiles.iter().find_map(|tile| tile.raster.latitude_deg);
-    let tiles = heights::in_metres(tiles, &crs, params, reporter)?;
+    let mut tiles = heights::in_metres(tiles, &crs, params, reporter)?;
+    if Projection::new(&crs).is_ok_and(|projection| projection.is_geographic()) {
+        count_longitudes_alike(&mut tiles);
+    }
 
     // Where the scene lies
     let first = tiles.first().ok_or(ImportError::NoTiles)?;
@@ -311,6 +315,16 @@ fn common_crs(
         reporter.warn(Warning::NoCrs { path: first.path.clone() });
     }
     Ok(first.raster.crs.clone().unwrap_or(Crs::Local))
+}
+
+/// Moves tiles by whole turns to lie nearest to the first: neighbours across 180° count from either side.
+fn count_longitudes_alike(tiles: &mut [NamedRaster]) {
+    let longitude_deg = |tile: &NamedRaster| Lattice::of(&tile.raster).middle()[0];
+    let Some(first_deg) = tiles.first().map(longitude_deg) else { return };
+    for tile in &mut tiles[1..] {
+        let here_deg = longitude_deg(tile);
+        tile.raster.affine.origin_x += nearest_turn(here_deg, first_deg) - here_deg;
+    }
 }
 
 /// The middle of the tiles' middles, in their CRS; does not depend on their order.
@@ -654,6 +668,19 @@ mod tests {
         let mut flat = utm("a.tif");
         flat.raster.affine.col_dx = 0.0;
         assert!(matches!(import(vec![flat], &params).0, Err(ImportError::Georeference { .. })));
+    }
+
+    #[test]
+    fn issue_2_tiles_across_the_antimeridian_join() {
+        let cell = 0.001;
+        let side = SIZE as f64 * cell;
+        let tile = |name, west| ramp(name, Some(Crs::Epsg(4326)), [west, 52.0], cell);
+        let terrain = |tiles| import(tiles, &ImportParams::default()).0.unwrap().elevation_m;
+        let apart = terrain(vec![tile("w.tif", 180.0 - side), tile("e.tif", -180.0)]);
+        let alike = terrain(vec![tile("w.tif", 180.0 - side), tile("e.tif", 180.0)]);
+        assert_eq!(apart.frame(), alike.frame());
+        assert_eq!(apart.mask().valid_count(), alike.mask().valid_count());
+        assert!(alike.mask().valid_count() as f64 > 0.8 * alike.frame().len() as f64);
     }
 
     #[test]

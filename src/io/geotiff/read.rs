@@ -16,6 +16,7 @@ use crate::raster::{Affine, Crs, CrsProblem, LengthUnit, MapWindow, SourceRaster
 
 /// Tag numbers.
 pub(super) mod tag {
+    pub const NEW_SUBFILE_TYPE: u16 = 254;
     pub const IMAGE_WIDTH: u16 = 256;
     pub const IMAGE_LENGTH: u16 = 257;
     pub const BITS_PER_SAMPLE: u16 = 258;
@@ -101,6 +102,13 @@ pub fn parse<S: ByteSource + ?Sized>(
 ) -> Result<SourceRaster, ParseError> {
     let directory = Directory::read(source)?;
     let chunks = chunks(&directory, source.len(), limits)?;
+    if directory.following().iter().any(is_mask_of_full_image) {
+        return Err(ParseError::new(
+            "the file keeps its nodata as a mask of its own, which is not read",
+            "turn the mask into a nodata value with: gdalwarp -dstnodata -9999 -ot Float32 IN OUT.tif",
+        )
+        .of_kind(ParseErrorKind::Unsupported));
+    }
     let (rows, cols) = (chunks.rows, chunks.cols);
 
     // Place
@@ -139,6 +147,12 @@ fn unsupported(what: impl Into<String>) -> ParseError {
         "rewrite it with: gdal_translate -b 1 -ot Float32 -co COMPRESS=DEFLATE IN OUT.tif",
     )
     .of_kind(ParseErrorKind::Unsupported)
+}
+
+/// Whether a directory holds the mask of the full image; those of overviews have bit 0 as well.
+fn is_mask_of_full_image<S: ByteSource + ?Sized>(directory: &Directory<'_, S>) -> bool {
+    let is = |tag, value| directory.integer(tag).is_ok_and(|found| found == Some(value));
+    is(tag::NEW_SUBFILE_TYPE, 4) && is(tag::PHOTOMETRIC, 4)
 }
 
 /// The image's layout, checked against the file's length.
@@ -516,6 +530,66 @@ mod tests {
         says(Made::new(2, 2, &[0.0; 4]).with(273, u32::MAX), "beyond the file");
         says(Made::new(u32::MAX, u32::MAX, &[0.0; 4]).with(277, 4000), "too large");
         says(Made::new(2, 2, &[0.0; 4]).with(278, 0), "no cells");
+    }
+
+    #[test]
+    fn issue_2_a_mask_directory_is_not_overlooked() {
+        let image = Made::new(2, 2, &[1.0, 2.0, 3.0, 4.0]);
+        let mut bytes = image.bytes();
+        // a second directory behind the first, whose pointer to it are the last four bytes
+        let second = bytes.len() as u32;
+        let pointer = bytes.len() - 4;
+        bytes[pointer..].copy_from_slice(&second.to_le_bytes());
+        let with_second = |subfile: u32, photometric: u32| {
+            let mut bytes = bytes.clone();
+            bytes.extend(2_u16.to_le_bytes());
+            for (tag, value) in [(254_u16, subfile), (262, photometric)] {
+                bytes.extend(tag.to_le_bytes());
+                bytes.extend(4_u16.to_le_bytes());
+                bytes.extend(1_u32.to_le_bytes());
+                bytes.extend(value.to_le_bytes());
+            }
+            bytes.extend([0; 4]);
+            parse(&bytes[..], None, &Limits::default())
+        };
+        let masked = with_second(4, 4).unwrap_err();
+        assert!(masked.hint.contains("-dstnodata"), "{masked}");
+        assert_eq!(masked.kind, ParseErrorKind::Unsupported);
+        assert!(with_second(1, 1).is_ok() && with_second(5, 4).is_ok());
+    }
+
+    #[test]
+    fn issue_2_tiles_far_larger_than_the_image_are_refused() {
+        let made = |side: u32| {
+            let image = Made::new(20, 20, &[0.0; 400]);
+            image.with(322, side).with(323, side).with(324, 8).with(325, 1600)
+        };
+        let error = made(20_000).read().unwrap_err();
+        assert!(error.what.contains("too large"), "{error}");
+        // 512² tiles of a small image are usual: the next check finds that 1600 bytes are too few
+        assert!(made(512).read().unwrap_err().what.contains("cannot hold"));
+    }
+
+    #[test]
+    fn issue_2_a_failing_device_is_not_damage() {
+        struct Failing(Vec<u8>);
+        impl ByteSource for Failing {
+            fn len(&self) -> u64 {
+                self.0.len() as u64
+            }
+            fn read_at(&self, offset: u64, buffer: &mut [u8]) -> std::io::Result<usize> {
+                // cells lie in the first bytes behind the header
+                if (8..24).contains(&offset) {
+                    return Err(std::io::Error::from(std::io::ErrorKind::TimedOut));
+                }
+                self.0[..].read_at(offset, buffer)
+            }
+        }
+        let source = Failing(Made::new(2, 2, &[1.0, 2.0, 3.0, 4.0]).bytes());
+        let problem = parse(&source, None, &Limits::default()).unwrap_err();
+        let error = problem.at(std::path::Path::new("a.tif"));
+        assert!(matches!(error, crate::io::Error::Read { .. }), "{error}");
+        assert!(error.is_machine_failure());
     }
 
     #[test]
