@@ -21,6 +21,12 @@ pub enum Warning {
     Warped { path: PathBuf, from: String, to: String },
     /// Cells with NaN or infinite heights, treated as nodata.
     NonFiniteCells { path: PathBuf, cells: usize },
+    /// Cells with a value that programs use for nodata, though the file does not declare it.
+    UndeclaredNodata { path: PathBuf, cells: usize },
+    /// Heights that no forest can stand at, treated as nodata.
+    ImplausibleHeights { path: PathBuf, cells: usize, lowest_m: f32, highest_m: f32 },
+    /// The file names a CRS in a way that is not understood.
+    CrsNotUnderstood { path: PathBuf, problem: String },
     /// Small holes filled from their rims.
     HolesFilled { cells: usize },
     /// Large voids (sea, lakes, tile edges) kept masked.
@@ -56,6 +62,19 @@ impl fmt::Display for Warning {
                 "{}: {cells} cells are NaN or infinite; treated as nodata",
                 path.display()
             ),
+            Self::UndeclaredNodata { path, cells } => write!(
+                f,
+                "{}: {cells} cells hold −9999 or another usual mark of nodata, which the file does not declare; treated as nodata",
+                path.display()
+            ),
+            Self::ImplausibleHeights { path, cells, lowest_m, highest_m } => write!(
+                f,
+                "{}: {cells} heights outside −500…9,000 m (lowest {lowest_m} m, highest {highest_m} m); treated as nodata",
+                path.display()
+            ),
+            Self::CrsNotUnderstood { path, problem } => {
+                write!(f, "{}: {problem}", path.display())
+            }
             Self::HolesFilled { cells } => write!(f, "filled small holes: {cells} cells"),
             Self::VoidsKept { cells } => {
                 write!(f, "large voids stay masked: {cells} cells (sea, lakes, tile edges)")

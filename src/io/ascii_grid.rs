@@ -92,6 +92,7 @@ pub fn parse(
         crs: None,
         vertical_unit: None,
         latitude_deg: None,
+        crs_problem: None,
         values: grid.values,
         valid: grid.valid,
         non_finite_cells: grid.non_finite_cells,

@@ -1,8 +1,7 @@
 //! `.elv`: the plain-text heightfields of the Deadwood and EcoLearn programs.
 //!
 //! A header `nx ny cell latitude`, then ny rows of nx heights; x runs along a row, from west to east. The **first**
-//! row is the southernmost: Deadwood's own reader stores file row j as grid row ny − 1 − j, and its sun stands south
-//! of grid row 0.
+//! row is the southernmost: Deadwood's own reader stores file row j as grid row ny − 1 − j, and grid row 0 is north.
 //!
 //! Heights are read as metres. EcoLearn writes the same header and feet (its cells of 0.9144 m are three feet), which
 //! the file does not tell: the caller overrides the vertical unit. Which place on Earth it is, the file does not tell
@@ -78,6 +77,7 @@ pub fn parse(
         crs: Some(Crs::Local),
         vertical_unit: None,
         latitude_deg: Some(latitude_deg),
+        crs_problem: None,
         values: (0..rows).flat_map(|row| grid.values[from_north(row)].iter().copied()).collect(),
         valid: (0..rows).flat_map(|row| grid.valid[from_north(row)].iter().copied()).collect(),
         non_finite_cells: std::mem::take(&mut grid.non_finite_cells),

@@ -72,17 +72,34 @@ pub struct GeoReference {
 /// # Errors
 /// If the directory is damaged, or if it describes a user-defined CRS in a way that is not understood.
 pub fn parse(directory: &[u16], doubles: &[f64], ascii: &str) -> Result<GeoReference, ParseError> {
+    let (reference, problem) = parse_understood(directory, doubles, ascii);
+    problem.map_or(Ok(reference), Err)
+}
+
+/// What of a GeoKey directory is understood, and the trouble with its CRS, which the user may name instead.
+pub fn parse_understood(
+    directory: &[u16],
+    doubles: &[f64],
+    ascii: &str,
+) -> (GeoReference, Option<ParseError>) {
     if directory.is_empty() {
-        return Ok(GeoReference::default());
+        return (GeoReference::default(), None);
     }
-    let keys = GeoKeyDirectory::parse(directory, doubles, ascii).ok_or_else(|| {
-        unknown_crs("the GeoKey directory is damaged (too short, or of an unknown version)")
-    })?;
-    Ok(GeoReference {
-        crs: horizontal(&keys)?,
+    let Some(keys) = GeoKeyDirectory::parse(directory, doubles, ascii) else {
+        let what = "the GeoKey directory is damaged (too short, or of an unknown version)";
+        return (GeoReference::default(), Some(unknown_crs(what)));
+    };
+    let (crs, problem) = match horizontal(&keys) {
+        Ok(Some(Crs::Proj(text))) => (Some(Crs::of_proj(text)), None),
+        Ok(crs) => (crs, None),
+        Err(problem) => (None, Some(problem)),
+    };
+    let reference = GeoReference {
+        crs,
         vertical_unit: vertical_unit(&keys),
         pixel_is_point: keys.get_short(key::RASTER_TYPE) == Some(2),
-    })
+    };
+    (reference, problem)
 }
 
 fn unknown_crs(what: impl Into<String>) -> ParseError {
@@ -363,9 +380,10 @@ fn user_projected(keys: &GeoKeyDirectory) -> Result<Crs, ParseError> {
             parallel(lat_2)?
         ),
         Some(15) => {
+            // away from the pole the latitude of origin is the standard parallel, and the scale follows from it
             let pole = if lat_0_or_equator < 0.0 { -90 } else { 90 };
-            match (k_0, lat_0) {
-                (None, Some(lat_ts)) => {
+            match lat_0 {
+                Some(lat_ts) if lat_ts.abs() < 90.0 => {
                     format!("+proj=stere +lat_0={pole} +lat_ts={lat_ts} +lon_0={lon_0}")
                 }
                 _ => format!("+proj=stere +lat_0={pole} +lon_0={lon_0} +k={k}"),
@@ -406,6 +424,7 @@ mod tests {
     fn proj_string(reference: GeoReference) -> String {
         match reference.crs {
             Some(Crs::Proj(text)) => text,
+            Some(Crs::Epsg(code)) => crs_definitions::from_code(code as u16).unwrap().proj4.into(),
             other => panic!("no PROJ string but {other:?}"),
         }
     }
@@ -461,6 +480,7 @@ mod tests {
                 (3087, 1_640_416.666_666_667),
             ],
         );
+        assert_eq!(reference.as_ref().unwrap().crs, Some(Crs::Epsg(2229)));
         let own = proj4rs::Proj::from_proj_string(&proj_string(reference.unwrap())).unwrap();
         let registered = crs_definitions::from_code(2229).unwrap().proj4;
         let registered = proj4rs::Proj::from_proj_string(registered).unwrap();
@@ -491,7 +511,29 @@ mod tests {
                 .unwrap_or_else(|e| panic!("method {method}: {text}: {e}"));
         }
         let utm = read(&[(1024, 1), (3072, 32767), (3074, 16119), (2050, 6326)], &[]).unwrap();
-        assert!(proj_string(utm).starts_with("+proj=utm +zone=19 +south +datum=WGS84"));
+        assert_eq!(utm.crs, Some(Crs::Epsg(32719)));
+    }
+
+    #[test]
+    fn issue_2_polar_stereographic_standard_parallel() {
+        // Antarctic polar stereographic as GDAL writes it: the parallel as latitude of origin, and a scale of 1
+        let shorts = [(1024, 1), (3072, 32767), (3075, 15), (2048, 4326)];
+        let text = |latitude: f64, scale: f64| {
+            proj_string(read(&shorts, &[(3081, latitude), (3095, 0.0), (3092, scale)]).unwrap())
+        };
+        let antarctic = text(-71.0, 1.0);
+        assert!(antarctic.contains("+lat_0=-90 +lat_ts=-71"), "{antarctic}");
+        let at_pole = text(90.0, 0.994);
+        assert!(at_pole.contains("+lat_0=90 +lon_0=0 +k=0.994"), "{at_pole}");
+    }
+
+    #[test]
+    fn issue_2_keys_besides_the_crs_are_kept() {
+        let (words, values) = directory(&[(1024, 1), (1025, 2), (4099, 9003)], &[]);
+        let (reference, problem) = parse_understood(&words, &values, "");
+        assert!(problem.is_some_and(|p| p.hint.contains("--crs")));
+        assert_eq!(reference.vertical_unit, Some(LengthUnit::UsSurveyFoot));
+        assert!(reference.pixel_is_point && reference.crs.is_none());
     }
 
     #[test]

@@ -31,6 +31,11 @@ pub enum Error {
 }
 
 impl Error {
+    /// Whether the file is sound, but nothing of it is asked for or holds a value.
+    pub fn is_nothing(&self) -> bool {
+        matches!(self, Self::Content { problem, .. } if problem.kind == ParseErrorKind::Nothing)
+    }
+
     /// Whether the machine failed (exit code 1) rather than the input (exit code 2).
     /// A path that names no file is the user's to mend: bad input.
     pub fn is_machine_failure(&self) -> bool {
@@ -56,6 +61,20 @@ fn reading_hint(source: &std::io::Error) -> &'static str {
     }
 }
 
+/// Kinds of trouble that callers answer differently.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ParseErrorKind {
+    /// The content cannot be used.
+    Content,
+    /// Sound, but nothing of it is asked for or holds a value: the window misses it, or all is nodata.
+    Nothing,
+    /// Sound, but stored in a way this reader does not know; another reader may.
+    Unsupported,
+    /// The device failed, not the content.
+    Device(std::io::ErrorKind),
+}
+
 /// What is wrong with some bytes, and what the user can do.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what}; {hint}")]
@@ -64,17 +83,31 @@ pub struct ParseError {
     pub what: String,
     /// What to do.
     pub hint: String,
+    /// What kind of trouble it is.
+    pub kind: ParseErrorKind,
 }
 
 impl ParseError {
     /// `what` is wrong, do `hint`.
     pub fn new(what: impl Into<String>, hint: impl Into<String>) -> Self {
-        Self { what: what.into(), hint: hint.into() }
+        Self { what: what.into(), hint: hint.into(), kind: ParseErrorKind::Content }
+    }
+
+    /// The same trouble as one of another kind.
+    #[must_use]
+    pub fn of_kind(self, kind: ParseErrorKind) -> Self {
+        Self { kind, ..self }
     }
 
     /// Names the file.
     pub fn at(self, path: &Path) -> Error {
-        Error::Content { path: path.to_path_buf(), problem: self }
+        let path = path.to_path_buf();
+        match self.kind {
+            ParseErrorKind::Device(kind) => {
+                Error::Read { path, source: std::io::Error::new(kind, self.what) }
+            }
+            _ => Error::Content { path, problem: self },
+        }
     }
 }
 

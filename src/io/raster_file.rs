@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::geotiff::SharedFile;
 use super::{Error, Limits, ParseError, ascii_grid, elv, geotiff, wkt};
-use crate::raster::{Crs, MapWindow, SourceRaster};
+use crate::raster::{Affine, Crs, CrsProblem, MapWindow, SourceRaster};
 
 /// Bytes of a text raster per cell at most: more is no text that a program wrote.
 const MAX_TEXT_BYTES_PER_CELL: u64 = 32;
@@ -72,7 +72,7 @@ pub fn read(
         }
         Format::AsciiGrid => {
             let mut raster = ascii_grid::parse(&text()?, window, limits).map_err(|e| e.at(path))?;
-            raster.crs = prj_beside(path);
+            name_crs(&mut raster, path);
             Ok(raster)
         }
         Format::Elv => elv::parse(&text()?, window, limits).map_err(|e| e.at(path)),
@@ -99,38 +99,74 @@ fn other(path: &Path, _: Option<&MapWindow>, _: &Limits) -> Result<SourceRaster,
     .at(path))
 }
 
-/// The CRS a GeoTIFF's header names (`Crs::Local` where it is silent), `None` for other formats.
+/// What a raster's header tells before any cell is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RasterHead {
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of columns.
+    pub cols: usize,
+    /// Map position.
+    pub affine: Affine,
+    /// The CRS; local metres where the header is silent, `None` where what it says is not understood.
+    pub crs: Option<Crs>,
+}
+
+/// The head of a file whose parts can be read alone (GeoTIFF, what GDAL reads); `None` for text, which is read whole.
 /// Lets a caller who knows a window only in another CRS decide before cells are read.
 ///
 /// # Errors
 /// If the file cannot be read or its header is damaged.
-pub fn geotiff_crs(path: &Path) -> Result<Option<Crs>, Error> {
+pub fn head(path: &Path) -> Result<Option<RasterHead>, Error> {
     let failed = |source| Error::Read { path: path.to_path_buf(), source };
     let mut start = Vec::new();
     File::open(path).map_err(failed)?.take(512).read_to_end(&mut start).map_err(failed)?;
-    if start.is_empty() || !matches!(format(&start, path), Format::GeoTiff) {
-        return Ok(None);
+    match format(&start, path) {
+        _ if start.is_empty() => Ok(None),
+        Format::GeoTiff => {
+            let source = SharedFile::open(path).map_err(failed)?;
+            geotiff::read::head(&source).map(Some).map_err(|e| e.at(path))
+        }
+        #[cfg(feature = "gdal")]
+        Format::Other => super::gdal::head(path).map(Some),
+        _ => Ok(None),
     }
-    let source = SharedFile::open(path).map_err(failed)?;
-    let crs = geotiff::read::crs(&source).map_err(|e| e.at(path))?;
-    Ok(Some(crs.unwrap_or(Crs::Local)))
 }
 
 /// Files beside a raster that are read with it.
 pub fn beside(path: &Path) -> Vec<PathBuf> {
-    let prj = path.with_extension("prj");
-    if prj != path && prj.is_file() { vec![prj] } else { Vec::new() }
+    let named = |extension| path.with_extension(extension);
+    ["prj", "PRJ"]
+        .map(named)
+        .into_iter()
+        .find(|prj| prj != path && prj.is_file())
+        .into_iter()
+        .collect()
 }
 
-/// The CRS in the `.prj` file beside an ASCII grid, where there is one that is understood.
-fn prj_beside(path: &Path) -> Option<Crs> {
-    let text = std::fs::read_to_string(path.with_extension("prj")).ok()?;
-    wkt::parse(&text).0
+/// Bytes read of a `.prj` file at most; chosen: the longest real ones have some thousands.
+const MAX_PRJ_BYTES: u64 = 1 << 20;
+
+/// Gives an ASCII grid the CRS and the vertical unit of the `.prj` file beside it, where there is one.
+fn name_crs(raster: &mut SourceRaster, path: &Path) {
+    let Some(prj) = beside(path).pop() else { return };
+    let mut bytes = Vec::new();
+    let read = File::open(&prj).and_then(|file| file.take(MAX_PRJ_BYTES).read_to_end(&mut bytes));
+    (raster.crs, raster.vertical_unit) = wkt::parse(&String::from_utf8_lossy(&bytes));
+    let problem = match read {
+        Err(error) => format!("cannot be read ({error})"),
+        Ok(_) if raster.crs.is_none() => "names no CRS that is understood".to_owned(),
+        Ok(_) => return,
+    };
+    let prj = prj.file_name().map(|name| name.display().to_string()).unwrap_or_default();
+    let text = format!("{prj} beside it {problem}; give the CRS yourself: --crs EPSG:n");
+    raster.crs_problem = Some(CrsProblem { text, is_fatal: false });
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::raster::LengthUnit;
 
     const GRID: &str = "ncols 2\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n5 6\n";
 
@@ -171,8 +207,27 @@ mod tests {
         let prj = r#"PROJCS["NAD_1983_UTM_Zone_11N",GEOGCS["GCS_North_American_1983",DATUM["D_North_American_1983",SPHEROID["GRS_1980",6378137.0,298.257222101]],PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],PARAMETER["False_Easting",500000.0],PARAMETER["False_Northing",0.0],PARAMETER["Central_Meridian",-117.0],PARAMETER["Scale_Factor",0.9996],PARAMETER["Latitude_Of_Origin",0.0],UNIT["Meter",1.0]]"#;
         std::fs::write(path.with_extension("prj"), prj).unwrap();
         let raster = read(&path, None, &Limits::default()).unwrap();
-        let Some(Crs::Proj(text)) = raster.crs else { panic!("no CRS") };
-        assert!(text.contains("+proj=tmerc") && text.contains("+lon_0=-117"), "{text}");
-        proj4rs::Proj::from_proj_string(&text).unwrap();
+        assert_eq!((raster.crs, raster.vertical_unit), (Some(Crs::Epsg(26911)), None));
+
+        // upper case, and the unit of heights that its second part names
+        std::fs::remove_file(path.with_extension("prj")).unwrap();
+        let vertical = r#",VERTCS["NAVD88",VDATUM["NAVD88"],UNIT["Foot",0.3048]]"#;
+        std::fs::write(path.with_extension("PRJ"), format!("{prj}{vertical}")).unwrap();
+        let raster = read(&path, None, &Limits::default()).unwrap();
+        assert_eq!(raster.crs, Some(Crs::Epsg(26911)));
+        assert_eq!(raster.vertical_unit, Some(LengthUnit::Foot));
+    }
+
+    #[test]
+    fn issue_2_a_projection_not_understood_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("dem.asc");
+        std::fs::write(&path, GRID).unwrap();
+        std::fs::write(path.with_extension("prj"), "Projection UTM\nZone 11").unwrap();
+        let raster = read(&path, None, &Limits::default()).unwrap();
+        let problem = raster.crs_problem.unwrap();
+        assert!(problem.text.contains("dem.prj") && !problem.is_fatal, "{problem:?}");
+        std::fs::remove_file(path.with_extension("prj")).unwrap();
+        assert!(read(&path, None, &Limits::default()).unwrap().crs_problem.is_none());
     }
 }

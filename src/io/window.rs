@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::{Limits, ParseError};
+use super::{Limits, ParseError, ParseErrorKind};
 use crate::raster::{Affine, MapWindow, SourceRaster};
 
 /// Rows and columns of a raster.
@@ -86,7 +86,7 @@ pub(super) fn cells(
                 range.rows.len(),
                 limits.max_cells
             ),
-            "ask for a part of it (--window WEST,SOUTH,EAST,NORTH), or resample it with gdalwarp -tr",
+            "ask for a part of it (--bbox WEST,SOUTH,EAST,NORTH), or resample it with gdalwarp -tr",
         )),
     }
 }
@@ -136,7 +136,8 @@ fn touched(
                 a.origin_y.max(far.origin_y)
             ),
             "give the window in the file's CRS",
-        ));
+        )
+        .of_kind(ParseErrorKind::Nothing));
     }
     Ok(range)
 }
@@ -168,6 +169,8 @@ pub(super) fn crop(
     })
 }
 
+/// Such trouble is of the kind [`ParseErrorKind::Nothing`], so that one empty tile spoils no mosaic.
+///
 /// # Errors
 /// If no cell is valid.
 pub(super) fn require_valid(raster: SourceRaster) -> Result<SourceRaster, ParseError> {
@@ -179,6 +182,7 @@ pub(super) fn nothing_valid() -> ParseError {
         "the raster holds no valid cell (all are nodata)",
         "give another file or window, or mend its nodata value",
     )
+    .of_kind(ParseErrorKind::Nothing)
 }
 
 #[cfg(test)]
@@ -236,6 +240,7 @@ mod tests {
             crs: None,
             vertical_unit: None,
             latitude_deg: None,
+            crs_problem: None,
             values: (0..200_u8).map(f32::from).collect(),
             valid: vec![true; 200],
             non_finite_cells: 0,

@@ -12,11 +12,17 @@ const MAX_DEPTH: usize = 32;
 ///
 /// The CRS is its EPSG code where the text gives one, a PROJ string otherwise.
 pub fn parse(text: &str) -> (Option<Crs>, Option<LengthUnit>) {
-    let Some(root) = read_node(text.trim_end_matches('\0').trim()) else {
-        return (None, None);
-    };
-    let (horizontal, vertical) = split(&root);
-    (horizontal.and_then(crs), vertical.and_then(unit))
+    let mut rest = text.trim_end_matches('\0').trim();
+    let (mut found_crs, mut found_unit) = (None, None);
+    // ESRI writes the vertical CRS as a second root behind the first
+    for _ in 0..2 {
+        let Some(root) = read_node(rest) else { break };
+        rest = rest[root.text.len()..].trim_start_matches([',', ' ', '\t', '\r', '\n']);
+        let (horizontal, vertical) = split(&root);
+        found_crs = found_crs.or_else(|| horizontal.and_then(crs));
+        found_unit = found_unit.or_else(|| vertical.and_then(unit));
+    }
+    (found_crs, found_unit)
 }
 
 /// One `KEYWORD[…]` of a text.
@@ -43,7 +49,7 @@ fn split<'n, 'a>(node: &'n Node<'a>) -> (Option<&'n Node<'a>>, Option<&'n Node<'
         let parts = node.children.iter().map(split);
         return parts.fold((None, None), |(h, v), part| (h.or(part.0), v.or(part.1)));
     }
-    if node.is(&["VERT_CS", "VERTCRS", "VERTICALCRS"]) {
+    if node.is(&["VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS"]) {
         return (None, Some(node));
     }
     let horizontal = [
@@ -67,7 +73,7 @@ fn crs(node: &Node<'_>) -> Option<Crs> {
     if let Some(code) = epsg {
         return Some(Crs::Epsg(code));
     }
-    proj4wkt::wkt_to_projstring(node.text).ok().map(|p| Crs::Proj(p.trim().to_owned()))
+    proj4wkt::wkt_to_projstring(node.text).ok().map(|p| Crs::of_proj(p.trim().to_owned()))
 }
 
 /// The first unit within a vertical CRS: its own, or its axis's.
@@ -161,8 +167,10 @@ mod tests {
     fn the_code_is_the_crs_own_and_not_its_datums() {
         assert_eq!(parse(&utm(r#",AUTHORITY["EPSG","26917"]"#)), (Some(Crs::Epsg(26917)), None));
         let without = parse(&utm("")).0;
-        let Some(Crs::Proj(proj)) = without else { panic!("{without:?}") };
-        assert!(proj.starts_with("+proj=tmerc") && proj.contains("+lon_0=-81"), "{proj}");
+        assert_eq!(without, Some(Crs::Epsg(26917)));
+        let own = utm("").replace("\"central_meridian\",-81", "\"central_meridian\",-80");
+        let Some(Crs::Proj(proj)) = parse(&own).0 else { panic!("{own:?}") };
+        assert!(proj.starts_with("+proj=tmerc") && proj.contains("+lon_0=-80"), "{proj}");
     }
 
     #[test]
@@ -178,6 +186,16 @@ mod tests {
         assert_eq!(survey_foot, (crs.clone(), Some(LengthUnit::UsSurveyFoot)));
         assert_eq!(vertical(r#"UNIT["foot",0.3048]"#), (crs.clone(), Some(LengthUnit::Foot)));
         assert_eq!(vertical(r#"UNIT["fathom",1.8288]"#), (crs, None));
+    }
+
+    #[test]
+    fn issue_2_esri_vertical_cs() {
+        let vertical = r#"VERTCS["NAVD_1988_Foot_US",VDATUM["North_American_Vertical_Datum_1988"],PARAMETER["Vertical_Shift",0.0],PARAMETER["Direction",1.0],UNIT["Foot_US",0.3048006096012192]]"#;
+        for joint in [",", "", "\n"] {
+            let text = format!("{}{joint}{vertical}\n", utm(""));
+            let expected = (Some(Crs::Epsg(26917)), Some(LengthUnit::UsSurveyFoot));
+            assert_eq!(parse(&text), expected, "{joint:?}");
+        }
     }
 
     #[test]

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::Error;
 use super::scene_files::{StageFiles, mean};
 use crate::abiotics::{self, AbioticMaps};
+use crate::io::raster_file::RasterHead;
 use crate::io::{self, Limits, ParseError, las, raster_file};
 use crate::progress::{Reporter, Stage};
 use crate::raster::{Crs, Frame, GeoTransform, Grid, MONTHS, MapWindow, Mask};
@@ -190,18 +191,23 @@ fn read_terrain_in(
         let canopy = MeasuredCanopy { chm_m: read.chm_m, dsm_m: read.dsm_m };
         return Ok(ReadTerrain { terrain: read.terrain, canopy: Some(canopy) });
     }
+    // tiles without a valid cell, or outside the window, are left out; an error only if none remains
     let mut tiles = Vec::with_capacity(request.inputs.len());
-    for path in &request.inputs {
+    let mut nothing = None;
+    let windows = windows_in_files(request)?;
+    for (path, window) in request.inputs.iter().zip(windows) {
         reporter.check_cancelled()?;
-        let window = match request.terrain.bbox {
-            Some(_) => window_in_file(request, raster_file::geotiff_crs(path)?),
-            None => None,
-        };
-        let raster = raster_file::read(path, window.as_ref(), &limits)?;
-        tiles.push(NamedRaster { path: path.clone(), raster });
+        match raster_file::read(path, window.as_ref(), &limits) {
+            Ok(raster) => tiles.push(NamedRaster { path: path.clone(), raster }),
+            Err(error) if error.is_nothing() => nothing = nothing.or(Some(error)),
+            Err(error) => return Err(error.into()),
+        }
         stage.advance(1);
     }
     drop(stage);
+    if let (true, Some(error)) = (tiles.is_empty(), nothing) {
+        return Err(error.into());
+    }
     let terrain =
         terrain_import::run(tiles, &request.terrain, Some(climate.latitude_deg), reporter)?;
     Ok(ReadTerrain { terrain, canopy: None })
@@ -212,9 +218,47 @@ fn read_terrain_in(
 fn window_in_file(request: &ImportRequest, header_crs: Option<Crs>) -> Option<MapWindow> {
     let bbox = request.terrain.bbox?;
     let crs = request.terrain.crs.clone().or(header_crs)?;
+    // local coordinates may be in another unit than the window's metres
+    let in_metres = crs != Crs::Local || request.terrain.horizontal_unit.is_none();
     let stays =
         Placement::new(&crs, bbox.middle()).is_ok_and(|placement| placement.to_scene.is_none());
-    stays.then_some(bbox)
+    (in_metres && stays).then_some(bbox)
+}
+
+/// Cells beyond the window's edge that its cells lean on: kernels reach two of the scene's cells, spikes are told by
+/// their neighbours, and a window is rounded to whole cells.
+const MARGIN_SCENE_CELLS: f64 = 2.0;
+/// The same in cells of the file, where they are wider.
+const MARGIN_FILE_CELLS: f64 = 3.0;
+
+/// The window to read of each file (`None`: all of it), with a margin, so that cells are those of the whole file.
+fn windows_in_files(request: &ImportRequest) -> Result<Vec<Option<MapWindow>>, Error> {
+    let paths = &request.inputs;
+    if request.terrain.bbox.is_none() {
+        return Ok(vec![None; paths.len()]);
+    }
+    let heads = paths.iter().map(|path| raster_file::head(path)).collect::<Result<Vec<_>, _>>()?;
+    // tiles of several systems are refused later, and a window means nothing in all of them
+    let crs = |head: &Option<RasterHead>| head.as_ref().and_then(|head| head.crs.clone());
+    let is_one_crs = heads.iter().all(|head| crs(head) == crs(&heads[0]));
+    if request.terrain.crs.is_none() && !is_one_crs {
+        return Ok(vec![None; paths.len()]);
+    }
+    let window = |head: &Option<RasterHead>| {
+        let head = head.as_ref()?;
+        let window = window_in_file(request, head.crs.clone())?;
+        let a = &head.affine;
+        let file_cell = (a.col_dx.abs() + a.row_dx.abs()).max(a.col_dy.abs() + a.row_dy.abs());
+        let margin = MARGIN_FILE_CELLS * file_cell
+            + MARGIN_SCENE_CELLS * request.terrain.cell_m.unwrap_or(file_cell);
+        Some(MapWindow {
+            west: window.west - margin,
+            south: window.south - margin,
+            east: window.east + margin,
+            north: window.north + margin,
+        })
+    };
+    Ok(heads.iter().map(window).collect())
 }
 
 /// All clouds as one.

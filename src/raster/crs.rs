@@ -6,6 +6,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::projection::Projection;
+use super::registry;
 
 /// The coordinate reference system of map coordinates.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,6 +45,11 @@ pub enum CrsError {
 }
 
 impl Crs {
+    /// The registry's system that a PROJ string describes, else the string itself.
+    pub fn of_proj(text: String) -> Self {
+        registry::epsg_of(&text).map_or(Self::Proj(text), Self::Epsg)
+    }
+
     /// The system that `text` names: `EPSG:32611`, `32611`, `local`, or a PROJ string.
     ///
     /// # Errors
@@ -58,7 +64,7 @@ impl Crs {
             _ => text,
         };
         let crs = if text.starts_with('+') {
-            Self::Proj(text.to_owned())
+            Self::of_proj(text.to_owned())
         } else {
             let code = digits.trim().parse();
             Self::Epsg(code.map_err(|_| CrsError::Unreadable { text: text.to_owned() })?)
@@ -141,7 +147,9 @@ mod tests {
         }
         assert_eq!(Crs::Epsg(32611).to_string(), "EPSG:32611");
         let utm = "+proj=utm +zone=11 +datum=WGS84";
-        assert_eq!(Crs::parse(utm), Ok(Crs::Proj(utm.to_owned())));
+        assert_eq!(Crs::parse(utm), Ok(Crs::Epsg(32611)));
+        let tilted = "+proj=tmerc +lon_0=11.5 +datum=WGS84";
+        assert_eq!(Crs::parse(tilted), Ok(Crs::Proj(tilted.to_owned())));
         assert_eq!("local".parse(), Ok(Crs::Local));
     }
 

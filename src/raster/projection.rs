@@ -232,11 +232,9 @@ impl Projector {
         (x.is_finite() && y.is_finite()).then_some([x, y])
     }
 
-    /// Projects all points in place; NaN where the other system is not defined.
-    pub fn project_all(&self, points: &mut [[f64; 2]]) {
-        for point in points {
-            *point = self.project(*point).unwrap_or([f64::NAN; 2]);
-        }
+    /// Whether projected points are longitude and latitude, in degrees.
+    pub fn gives_degrees(&self) -> bool {
+        self.to.is_geographic()
     }
 }
 
@@ -352,9 +350,8 @@ mod tests {
     fn points_beyond_a_system_are_refused() {
         let to_utm = Projector::new(&Crs::Epsg(4326), &Crs::Epsg(32633)).unwrap();
         assert_eq!(to_utm.project([15.0, 91.0]), None);
-        let mut points = [[15.0, 46.0], [15.0, f64::NAN]];
-        to_utm.project_all(&mut points);
-        assert!(points[0][0].is_finite() && points[1][0].is_nan());
+        assert_eq!(to_utm.project([15.0, f64::NAN]), None);
+        assert!(to_utm.project([15.0, 46.0]).is_some());
         assert!(projection(32633).lon_lat_deg([9e12, 0.0]).is_err());
     }
 }

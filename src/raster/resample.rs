@@ -41,6 +41,11 @@ const KEYS_A: f64 = -0.5;
 const AVERAGE_LEAST_COVER_FRACTION: f64 = 0.5;
 
 impl<'a> Samples<'a> {
+    /// The middle, in cells from the first corner.
+    pub fn middle(&self) -> CellPosition {
+        CellPosition { row: self.rows as f64 / 2.0, col: self.cols as f64 / 2.0 }
+    }
+
     /// Samples of `rows` × `cols` cells.
     ///
     /// # Panics

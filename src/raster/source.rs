@@ -44,6 +44,15 @@ impl LengthUnit {
     }
 }
 
+/// Why the CRS that a file names is not understood.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CrsProblem {
+    /// What is wrong, and what to do.
+    pub text: String,
+    /// Whether coordinates must not be taken as local metres instead: the file itself speaks, not one beside it.
+    pub is_fatal: bool,
+}
+
 /// Values, place and units of a raster as read; row-major in the file's row order, first row first.
 #[derive(Clone, Debug)]
 pub struct SourceRaster {
@@ -55,6 +64,8 @@ pub struct SourceRaster {
     pub affine: Affine,
     /// The CRS the file names, if any.
     pub crs: Option<Crs>,
+    /// Why `crs` is `None` although the file names one.
+    pub crs_problem: Option<CrsProblem>,
     /// The vertical unit the file names, if any.
     pub vertical_unit: Option<LengthUnit>,
     /// Latitude the file names outside any CRS (`.elv`), degrees north.

@@ -55,7 +55,12 @@ pub fn warp(
     reporter: &Reporter,
 ) -> Result<Warped, Cancelled> {
     let stage = reporter.stage("warp", target.rows as u64);
-    let map = CellMap::new(&source.affine, target, to_source);
+    let mut map = ExactMap::new(&source.affine, target, to_source);
+    if to_source.is_some_and(Projector::gives_degrees) {
+        let [middle_deg, _] = map_coordinates(&source.affine, source.samples.middle());
+        map.middle_longitude_deg = Some(middle_deg);
+    }
+    let map = CellMap::new(map, target);
     let cells = target.rows * target.cols;
     let mut warped = Warped { values: vec![0.0; cells], valid: vec![false; cells] };
     if cells == 0 {
@@ -113,11 +118,18 @@ pub fn signed_cell_area(affine: &Affine) -> f64 {
     affine.col_dx * affine.row_dy - affine.col_dy * affine.row_dx
 }
 
+/// A longitude moved by whole turns to lie nearest to another, degrees.
+pub fn nearest_turn(longitude_deg: f64, middle_deg: f64) -> f64 {
+    longitude_deg + 360.0 * ((middle_deg - longitude_deg) / 360.0).round()
+}
+
 /// The exact way from target cells to source cells.
 struct ExactMap<'a> {
     affine: Affine,
     transform: GeoTransform,
     to_source: Option<&'a Projector>,
+    /// Longitudes are moved by whole turns to lie nearest to this one: rasters count from 0° to 360°, or cross 180°.
+    middle_longitude_deg: Option<f64>,
 }
 
 /// Source positions are rounded to this many parts of a cell: rounding errors of map coordinates
@@ -131,7 +143,7 @@ fn rounded(position: f64) -> f64 {
 impl<'a> ExactMap<'a> {
     fn new(affine: &Affine, target: &Target, to_source: Option<&'a Projector>) -> Self {
         assert!(signed_cell_area(affine) != 0.0, "the source's cells have no area");
-        Self { affine: *affine, transform: target.transform, to_source }
+        Self { affine: *affine, transform: target.transform, to_source, middle_longitude_deg: None }
     }
 
     fn source_of(&self, row: f64, col: f64) -> Option<CellPosition> {
@@ -139,6 +151,9 @@ impl<'a> ExactMap<'a> {
         let mut point = [t.west_m + col * t.cell_m, t.north_m - row * t.cell_m];
         if let Some(projector) = self.to_source {
             point = projector.project(point)?;
+        }
+        if let Some(middle_deg) = self.middle_longitude_deg {
+            point[0] = nearest_turn(point[0], middle_deg);
         }
         let a = &self.affine;
         let (x, y) = (point[0] - a.origin_x, point[1] - a.origin_y);
@@ -230,10 +245,9 @@ struct CellMap<'a> {
 }
 
 impl<'a> CellMap<'a> {
-    fn new(affine: &Affine, target: &Target, to_source: Option<&'a Projector>) -> Self {
-        let exact = ExactMap::new(affine, target, to_source);
+    fn new(exact: ExactMap<'a>, target: &Target) -> Self {
         let mut lattice = None;
-        if to_source.is_some() && target.rows > 0 && target.cols > 0 {
+        if exact.to_source.is_some() && target.rows > 0 && target.cols > 0 {
             let mut step = COARSEST_STEP;
             while lattice.is_none() && step >= FINEST_STEP {
                 lattice = Some(Lattice::new(&exact, target, step)).filter(|l| l.is_good(&exact));
@@ -355,7 +369,7 @@ mod tests {
         let affine =
             Affine { origin_x: 12.0, origin_y: 47.0, col_dx: second, row_dy: -second, ..NORTH_UP };
         let to = target(700, 900, 280_000.0, 5_200_000.0, 25.0);
-        let map = CellMap::new(&affine, &to, Some(&projector));
+        let map = CellMap::new(ExactMap::new(&affine, &to, Some(&projector)), &to);
         assert!(map.lattice.is_some());
         let mut worst = 0.0_f64;
         for i in 0..70_000 {
@@ -368,6 +382,34 @@ mod tests {
         assert!(worst > 0.0, "the lattice was not used");
         let scale = source_cells_per_target_cell(&affine, &to, Some(&projector)).unwrap();
         assert!((scale - 25.0 / (30.87_f64 * 30.87 * 0.684).sqrt()).abs() < 0.02, "{scale}");
+    }
+
+    #[test]
+    fn issue_2_longitudes_from_0_to_360_and_across_180() {
+        let projector = Projector::new(&Crs::Epsg(32601), &Crs::Epsg(4326)).unwrap();
+        // 0.2° around 180°, as its west part counts and as its east part does
+        let to = target(50, 50, 166_500.0, 5_209_000.0, 100.0);
+        let [west_deg, north_deg] = projector.project([166_400.0, 5_212_000.0]).unwrap();
+        let mut drawn = Vec::new();
+        for turn in [0.0, 360.0, -360.0] {
+            let affine = Affine {
+                origin_x: nearest_turn(west_deg, 180.0) - 0.05 + turn,
+                origin_y: north_deg + 0.05,
+                col_dx: 0.001,
+                row_dy: -0.001,
+                ..NORTH_UP
+            };
+            let values: Vec<f32> = (0..250 * 200).map(|i| (i % 250) as f32).collect();
+            let valid = vec![true; values.len()];
+            let source = Source { samples: Samples::new(200, 250, &values, &valid), affine };
+            drawn.push(warp_silently(&source, &to, Some(&projector), Kernel::Bilinear));
+        }
+        assert!(drawn[0].valid.iter().all(|v| *v));
+        for other in &drawn[1..] {
+            assert_eq!(other.valid, drawn[0].valid);
+            let off = |(a, b): (&f32, &f32)| (a - b).abs();
+            assert!(other.values.iter().zip(&drawn[0].values).map(off).all(|d| d < 1e-3));
+        }
     }
 
     #[test]

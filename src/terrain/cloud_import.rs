@@ -119,6 +119,7 @@ fn source_raster(surface: Grid<f32>, crs: &Crs, horizontal: LengthUnit) -> Sourc
         crs: Some(crs.clone()),
         vertical_unit: Some(LengthUnit::Metre),
         latitude_deg: None,
+        crs_problem: None,
         values: surface.into_values(),
         valid,
         non_finite_cells: 0,

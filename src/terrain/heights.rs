@@ -8,8 +8,14 @@ use super::mosaic::{self, NamedRaster};
 use crate::progress::{Reporter, Warning};
 use crate::raster::{Crs, LengthUnit, Projection, SourceRaster};
 
-/// Lowest and highest height taken for real, metres: the deepest trench and the highest summit, rounded outward.
-const PLAUSIBLE_M: std::ops::RangeInclusive<f32> = -12_000.0..=9_000.0;
+/// Lowest and highest height taken for real, metres: the Dead Sea's shore (−430 m) and the highest summit, rounded
+/// outward. What lies deeper is sea floor, where no forest stands.
+const PLAUSIBLE_M: std::ops::RangeInclusive<f32> = -500.0..=9_000.0;
+/// Values that programs write for nodata, in the file's unit; none is a height of land, exactly whole as it is.
+/// −9999 is ESRI's, −32767 and −32768 are those of 16-bit files.
+const USUAL_NODATA: [f32; 3] = [-9999.0, -32_767.0, -32_768.0];
+/// At and below this a value is a nodata mark whatever its digits; the least `f32`, −3.4e38, is the most usual.
+const NODATA_BELOW: f32 = -1e30;
 /// Up to this share of implausible heights is masked, more is an error; chosen: stray cells, not a wrong unit.
 const STRAY_FRACTION: f64 = 0.01;
 
@@ -49,6 +55,7 @@ pub fn in_metres(
             let cells = raster.non_finite_cells;
             reporter.warn(Warning::NonFiniteCells { path: path.clone(), cells });
         }
+        mask_usual_nodata(&path, &mut raster, reporter);
         if let Some(unit) = local_unit {
             scale_affine(&mut raster, unit.metres());
         }
@@ -116,13 +123,24 @@ fn mask_implausible(
         return Err(ImportError::Heights { path: path.to_path_buf(), cells, lowest_m, highest_m });
     }
     if cells > 0 {
-        let path = path.display();
-        let text = format!(
-            "{path}: {cells} heights outside −12,000…9,000 m (lowest {lowest_m} m, highest {highest_m} m); treated as nodata"
-        );
-        reporter.warn(Warning::Other { text });
+        let path = path.to_path_buf();
+        reporter.warn(Warning::ImplausibleHeights { path, cells, lowest_m, highest_m });
     }
     Ok(())
+}
+
+/// Masks values that stand for nodata though the file does not say so.
+fn mask_usual_nodata(path: &Path, raster: &mut SourceRaster, reporter: &Reporter) {
+    let mut cells = 0;
+    for (value, valid) in raster.values.iter_mut().zip(&mut raster.valid) {
+        if *valid && (*value <= NODATA_BELOW || USUAL_NODATA.contains(value)) {
+            (*value, *valid) = (0.0, false);
+            cells += 1;
+        }
+    }
+    if cells > 0 {
+        reporter.warn(Warning::UndeclaredNodata { path: path.to_path_buf(), cells });
+    }
 }
 
 #[cfg(test)]
@@ -146,6 +164,7 @@ mod tests {
             crs: None,
             vertical_unit: None,
             latitude_deg: None,
+            crs_problem: None,
             valid: vec![true; values.len()],
             values,
             non_finite_cells: 0,
@@ -168,10 +187,33 @@ mod tests {
     }
 
     #[test]
+    fn issue_2_undeclared_nodata() {
+        let import = |values: Vec<f32>, unit: Option<LengthUnit>| {
+            let reporter = Reporter::silent();
+            let tiles = vec![NamedRaster { path: "a.tif".into(), raster: column(values) }];
+            let params = ImportParams { vertical_unit: unit, ..ImportParams::default() };
+            let kept = in_metres(tiles, &Crs::Local, &params, &reporter);
+            (kept.map(|mut kept| kept.remove(0).raster), reporter.warnings())
+        };
+        // half the raster, in feet too: −9999 ft are −3048 m
+        for unit in [None, Some(LengthUnit::Foot)] {
+            let marks = [-9999.0, -32_767.0, -32_768.0, f32::MIN, -1e30, 10.0, 20.0, 30.0];
+            let (raster, warnings) = import(marks.to_vec(), unit);
+            let valid = [false, false, false, false, false, true, true, true];
+            assert_eq!(raster.unwrap().valid, valid);
+            assert_eq!(warnings, [Warning::UndeclaredNodata { path: "a.tif".into(), cells: 5 }]);
+        }
+        // the shore of the Dead Sea is land, the sea floor is not
+        assert!(import(vec![-430.0; 8], None).0.is_ok_and(|r| !r.valid.contains(&false)));
+        assert!(matches!(import(vec![-600.0; 8], None).0, Err(ImportError::Heights { .. })));
+        assert!(matches!(import(vec![-9999.0; 8], None).0, Err(ImportError::NoData { .. })));
+    }
+
+    #[test]
     fn a_stray_height_is_masked_and_many_are_refused() {
         let reporter = Reporter::silent();
         let mut few = column(vec![500.0; 200]);
-        few.values[7] = -32_768.0;
+        few.values[7] = -22_768.0;
         assert!(mask_implausible(Path::new("a"), &mut few, &reporter).is_ok());
         assert_eq!(few.valid.iter().filter(|v| !**v).count(), 1);
         assert_eq!((few.values[7], reporter.warnings().len()), (0.0, 1));

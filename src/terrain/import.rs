@@ -11,7 +11,10 @@ use super::framing::{CellLattice, Lattice, Placement};
 use super::mosaic::NamedRaster;
 use super::{Terrain, heights, onto_frame, point_cloud, voids};
 use crate::progress::{Cancelled, Reporter, Warning};
-use crate::raster::{Crs, CrsError, Frame, Grid, LengthUnit, MapWindow, Mask, Projection};
+use crate::raster::warp::nearest_turn;
+use crate::raster::{
+    Crs, CrsError, CrsProblem, Frame, Grid, LengthUnit, MapWindow, Mask, Projection,
+};
 
 /// How heights are drawn where the scene's cells are not the file's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -84,6 +87,9 @@ pub enum ImportError {
         first = first.display(), second = second.display()
     )]
     MixedCrs { first: PathBuf, first_crs: String, second: PathBuf, second_crs: String },
+    /// The file names a CRS in a way that is not understood.
+    #[error("{path}: {problem}", path = path.display())]
+    CrsNotUnderstood { path: PathBuf, problem: String },
     /// The CRS cannot be used.
     #[error("{path}: {source}", path = path.display())]
     Crs { path: PathBuf, source: CrsError },
@@ -104,7 +110,7 @@ pub enum ImportError {
     NoData { path: PathBuf },
     /// Heights are not of this Earth.
     #[error(
-        "{path}: {cells} heights lie outside −12,000…9,000 m (lowest {lowest_m} m, highest {highest_m} m); is the unit right (--vertical-unit), is a nodata value undeclared?",
+        "{path}: {cells} heights lie outside −500…9,000 m (lowest {lowest_m} m, highest {highest_m} m); is the unit right (--vertical-unit), is a nodata value undeclared?",
         path = path.display()
     )]
     Heights { path: PathBuf, cells: usize, lowest_m: f32, highest_m: f32 },
@@ -171,7 +177,10 @@ pub fn run(
     check_params(params)?;
     let crs = common_crs(&tiles, params, reporter)?;
     let file_latitude_deg = tiles.iter().find_map(|tile| tile.raster.latitude_deg);
-    let tiles = heights::in_metres(tiles, &crs, params, reporter)?;
+    let mut tiles = heights::in_metres(tiles, &crs, params, reporter)?;
+    if Projection::new(&crs).is_ok_and(|projection| projection.is_geographic()) {
+        count_longitudes_alike(&mut tiles);
+    }
 
     // Where the scene lies
     let first = tiles.first().ok_or(ImportError::NoTiles)?;
@@ -281,6 +290,14 @@ fn common_crs(
     if let Some(crs) = &params.crs {
         return Ok(crs.clone());
     }
+    for NamedRaster { path, raster } in tiles {
+        let Some(CrsProblem { text, is_fatal }) = &raster.crs_problem else { continue };
+        let (path, problem) = (path.clone(), text.clone());
+        if *is_fatal {
+            return Err(ImportError::CrsNotUnderstood { path, problem });
+        }
+        reporter.warn(Warning::CrsNotUnderstood { path, problem });
+    }
     let name = |tile: &NamedRaster| match &tile.raster.crs {
         Some(crs) => crs.to_string(),
         None => "no CRS".to_owned(),
@@ -297,6 +314,16 @@ fn common_crs(
         reporter.warn(Warning::NoCrs { path: first.path.clone() });
     }
     Ok(first.raster.crs.clone().unwrap_or(Crs::Local))
+}
+
+/// Moves tiles by whole turns to lie nearest to the first: neighbours across 180° count from either side.
+fn count_longitudes_alike(tiles: &mut [NamedRaster]) {
+    let longitude_deg = |tile: &NamedRaster| Lattice::of(&tile.raster).middle()[0];
+    let Some(first_deg) = tiles.first().map(longitude_deg) else { return };
+    for tile in &mut tiles[1..] {
+        let here_deg = longitude_deg(tile);
+        tile.raster.affine.origin_x += nearest_turn(here_deg, first_deg) - here_deg;
+    }
 }
 
 /// The middle of the tiles' middles, in their CRS; does not depend on their order.
@@ -403,6 +430,7 @@ mod tests {
             crs,
             vertical_unit: None,
             latitude_deg: None,
+            crs_problem: None,
             values: (0..SIZE * SIZE).map(value).collect(),
             valid: vec![true; SIZE * SIZE],
             non_finite_cells: 0,
@@ -639,6 +667,39 @@ mod tests {
         let mut flat = utm("a.tif");
         flat.raster.affine.col_dx = 0.0;
         assert!(matches!(import(vec![flat], &params).0, Err(ImportError::Georeference { .. })));
+    }
+
+    #[test]
+    fn issue_2_tiles_across_the_antimeridian_join() {
+        let cell = 0.001;
+        let side = SIZE as f64 * cell;
+        let tile = |name, west| ramp(name, Some(Crs::Epsg(4326)), [west, 52.0], cell);
+        let terrain = |tiles| import(tiles, &ImportParams::default()).0.unwrap().elevation_m;
+        let apart = terrain(vec![tile("w.tif", 180.0 - side), tile("e.tif", -180.0)]);
+        let alike = terrain(vec![tile("w.tif", 180.0 - side), tile("e.tif", 180.0)]);
+        assert_eq!(apart.frame(), alike.frame());
+        assert_eq!(apart.mask().valid_count(), alike.mask().valid_count());
+        assert!(alike.mask().valid_count() as f64 > 0.8 * alike.frame().len() as f64);
+    }
+
+    #[test]
+    fn issue_2_crs_rescues_what_is_not_understood() {
+        let tile = |is_fatal| {
+            let mut tile = utm("a.tif");
+            let text = "an unknown method; give the CRS yourself: --crs EPSG:n".to_owned();
+            (tile.raster.crs, tile.raster.crs_problem) =
+                (None, Some(CrsProblem { text, is_fatal }));
+            tile
+        };
+        let message = refused(vec![utm("b.tif"), tile(true)], &ImportParams::default());
+        assert!(message.contains("a.tif: an unknown method"), "{message}");
+        let params = ImportParams { crs: Some(Crs::Epsg(32633)), ..Default::default() };
+        let (terrain, warnings) = import(vec![tile(true)], &params);
+        assert_eq!(terrain.unwrap().elevation_m.frame().crs, Crs::Epsg(32633));
+        assert_eq!(warnings, []);
+        let (terrain, warnings) = import(vec![tile(false)], &ImportParams::default());
+        assert_eq!(terrain.unwrap().elevation_m.frame().crs, Crs::Local);
+        assert!(matches!(warnings[0], Warning::CrsNotUnderstood { .. }), "{warnings:?}");
     }
 
     #[test]

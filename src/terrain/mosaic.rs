@@ -194,6 +194,7 @@ mod tests {
             crs: None,
             vertical_unit: None,
             latitude_deg: None,
+            crs_problem: None,
             values: (0..rows * cols).map(value).collect(),
             valid: (0..rows * cols).map(|i| !(row * 3 + col + i).is_multiple_of(17)).collect(),
             non_finite_cells: 0,

@@ -9,7 +9,7 @@ use super::spikes;
 use crate::progress::{Cancelled, Reporter, Warning};
 use crate::raster::resample::{Kernel, Samples};
 use crate::raster::warp::{self, Source, Warped};
-use crate::raster::{Crs, Frame, Grid, Mask, SourceRaster};
+use crate::raster::{Crs, Frame, Grid, Mask, Projector, SourceRaster};
 
 /// Cells that grow by more than this factor are averaged; chosen: below it the 4 × 4 cells of the
 /// cubic cover the target cell, and averaging would blur.
@@ -27,16 +27,18 @@ pub fn registered(
     reporter: &Reporter,
 ) -> Result<Grid<f32>, ImportError> {
     let lattice = Lattice::of(raster);
-    let placement = Placement::new(crs, lattice.middle())
+    let to_source = (frame.crs != *crs)
+        .then(|| Projector::new(&frame.crs, crs))
+        .transpose()
         .map_err(|source| ImportError::Crs { path: crs.to_string().into(), source })?;
     let frame_lattice = lattice_of(frame);
-    let offset = match placement.to_source {
+    let offset = match to_source {
         None => frame_lattice.offset_of(&lattice),
         Some(_) => None,
     };
     let layer = match offset {
         Some(offset) => mosaic::cut(raster.clone(), offset, &frame_lattice),
-        None => resampled(raster, &placement, frame, resampling, reporter)?,
+        None => resampled(raster, to_source.as_ref(), frame, resampling, reporter)?,
     };
     Ok(Grid::new(Arc::clone(frame), Arc::new(Mask::new(layer.valid)), layer.values))
 }
@@ -70,7 +72,10 @@ pub(super) fn on_frame(
         };
         let layer = match offset {
             Some(offset) => mosaic::cut(raster, offset, &frame_lattice),
-            None => resampled(&raster, placement, frame, params.resampling, reporter)?,
+            None => {
+                let to_source = placement.to_source.as_ref();
+                resampled(&raster, to_source, frame, params.resampling, reporter)?
+            }
         };
         match &mut scene {
             Some(above) => disagreements += mosaic::lay_under(above, &layer),
@@ -88,12 +93,12 @@ pub(super) fn on_frame(
 
 fn resampled(
     raster: &SourceRaster,
-    placement: &Placement,
+    to_source: Option<&Projector>,
     frame: &Frame,
     resampling: Resampling,
     reporter: &Reporter,
 ) -> Result<Warped, Cancelled> {
-    let (target, to_source) = (target_of(frame), placement.to_source.as_ref());
+    let target = target_of(frame);
     let factor = warp::source_cells_per_target_cell(&raster.affine, &target, to_source);
     let kernel = match resampling {
         Resampling::Bilinear => Kernel::Bilinear,
@@ -103,4 +108,43 @@ fn resampled(
     let samples = Samples::new(raster.rows, raster.cols, &raster.values, &raster.valid);
     let source = Source { samples, affine: raster.affine };
     warp::warp(&source, &target, to_source, kernel, reporter)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::raster::{Affine, GeoTransform, LengthUnit};
+
+    /// A raster of zone 32 beside the border belongs onto a frame of zone 33 where its neighbour lies there.
+    #[test]
+    fn issue_2_registered_takes_the_frames_crs() {
+        let (from, to) = (Crs::Epsg(32632), Crs::Epsg(32633));
+        let middle = Projector::new(&to, &from).unwrap().project([275_000.0, 5_200_000.0]).unwrap();
+        let affine = Affine {
+            origin_x: middle[0] - 500.0,
+            origin_y: middle[1] + 500.0,
+            col_dx: 10.0,
+            col_dy: 0.0,
+            row_dx: 0.0,
+            row_dy: -10.0,
+        };
+        let raster = SourceRaster {
+            rows: 100,
+            cols: 100,
+            affine,
+            crs: Some(from.clone()),
+            vertical_unit: Some(LengthUnit::Metre),
+            latitude_deg: None,
+            crs_problem: None,
+            values: vec![7.0; 10_000],
+            valid: vec![true; 10_000],
+            non_finite_cells: 0,
+        };
+        let transform = GeoTransform { west_m: 274_900.0, north_m: 5_200_100.0, cell_m: 10.0 };
+        let frame = Arc::new(Frame { rows: 20, cols: 20, transform, crs: to });
+        let reporter = Reporter::silent();
+        let grid = registered(&raster, &from, &frame, Resampling::Auto, &reporter).unwrap();
+        assert!(grid.mask().is_all_valid());
+        assert!(grid.values().iter().all(|v| (v - 7.0).abs() < 1e-4));
+    }
 }

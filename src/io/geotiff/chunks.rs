@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::codec::{self, Compression, Predictor, SampleType, Scaling};
-use super::directory::damaged;
+use super::directory::{damaged, unreadable};
 use super::source::{ByteSource, Positioned};
 use crate::io::ParseError;
 use crate::io::window::{self, CellWindow};
@@ -36,6 +36,9 @@ pub(super) struct Decoded {
     pub(super) valid: Vec<bool>,
     pub(super) non_finite_cells: usize,
 }
+
+/// Unpacked bytes held at a time, or one chunk where it is larger; bounds memory, changes no cell.
+const BYTES_IN_FLIGHT: u64 = 256 << 20;
 
 /// Consecutive output rows that one row of chunks fills.
 struct Band<'a> {
@@ -70,6 +73,13 @@ impl Chunks {
         let rows = if self.tiled { self.chunk_rows } else { self.rows_of(chunk).len() };
         let value_bytes = (self.stored_bands * self.sample.bytes()) as u64;
         (rows as u64 * self.chunk_cols as u64).saturating_mul(value_bytes)
+    }
+
+    /// Chunks that may be unpacked at the same time, at least one.
+    fn chunks_in_flight(&self) -> usize {
+        let values = self.chunk_rows * self.chunk_cols * self.stored_bands; // was bounded when read
+        let chunk_bytes = (values * self.sample.bytes()) as u64;
+        (BYTES_IN_FLIGHT / chunk_bytes.max(1)).max(1) as usize // below 2²⁸
     }
 
     /// Checks what the tags claim against each other and the file's length; `planes` bands are stored apart.
@@ -136,13 +146,17 @@ impl Chunks {
             valid_left = rest;
             bands.push(Band { chunk_row, rows, values, valid });
         }
-        let counts: Vec<Result<usize, ParseError>> = bands
-            .into_par_iter()
-            .map(|band| self.fill(band, source, &range.cols, scaling))
-            .collect();
+        let at_once = self.chunks_in_flight() / across.len().max(1);
         let mut non_finite_cells = 0;
-        for count in counts {
-            non_finite_cells += count?;
+        while !bands.is_empty() {
+            let some: Vec<Band<'_>> = bands.drain(..at_once.clamp(1, bands.len())).collect();
+            let counts: Vec<Result<usize, ParseError>> = some
+                .into_par_iter()
+                .map(|band| self.fill(band, source, &range.cols, scaling))
+                .collect();
+            for count in counts {
+                non_finite_cells += count?;
+            }
         }
         Ok(Decoded { values, valid, non_finite_cells })
     }
@@ -155,18 +169,22 @@ impl Chunks {
         cols: &Range<usize>,
         scaling: &Scaling,
     ) -> Result<usize, ParseError> {
-        let across = cols.start / self.chunk_cols..cols.end.div_ceil(self.chunk_cols);
-        let decoded: Vec<Result<Option<Vec<u8>>, ParseError>> = across
-            .clone()
-            .into_par_iter()
-            .map(|chunk_col| {
-                let chunk = band.chunk_row * self.across() + chunk_col;
-                if self.is_missing(chunk) { Ok(None) } else { self.read(source, chunk).map(Some) }
-            })
-            .collect();
+        let across: Vec<usize> =
+            (cols.start / self.chunk_cols..cols.end.div_ceil(self.chunk_cols)).collect();
         let mut non_finite_cells = 0;
         let first_row = band.chunk_row * self.chunk_rows;
-        for (chunk_col, samples) in across.zip(decoded) {
+        let decoded = across.chunks(self.chunks_in_flight()).flat_map(|some| {
+            let decoded: Vec<Result<Option<Vec<u8>>, ParseError>> = some
+                .par_iter()
+                .map(|chunk_col| {
+                    let chunk = band.chunk_row * self.across() + chunk_col;
+                    let is_missing = self.is_missing(chunk);
+                    if is_missing { Ok(None) } else { self.read(source, chunk).map(Some) }
+                })
+                .collect();
+            some.iter().copied().zip(decoded)
+        });
+        for (chunk_col, samples) in decoded {
             let Some(samples) = samples? else { continue };
             let first_col = chunk_col * self.chunk_cols;
             let chunk_width = self.chunk_cols.min(self.cols - first_col);
@@ -197,7 +215,9 @@ impl Chunks {
         let stored = self.byte_counts[chunk].min(unpacked.saturating_mul(2).saturating_add(1024));
         let mut packed = vec![0; usize::try_from(stored).map_err(|e| failed(&e))?];
         let mut stream = Positioned::at(source, self.offsets[chunk]);
-        stream.read_exact(&mut packed).map_err(|e| failed(&e))?;
+        stream
+            .read_exact(&mut packed)
+            .map_err(|e| unreadable(format!("tile or strip {chunk} cannot be read"), &e))?;
         let unpacked = usize::try_from(unpacked).map_err(|e| failed(&e))?;
         let mut samples =
             codec::unpack(self.compression, packed, unpacked).map_err(|e| failed(&e))?;

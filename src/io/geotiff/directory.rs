@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::source::{ByteSource, Positioned};
-use crate::io::ParseError;
+use crate::io::{ParseError, ParseErrorKind};
 use std::io::Read;
 
 /// Most tags of a directory; real files have under 40.
@@ -29,10 +29,25 @@ pub struct Directory<'a, S: ?Sized> {
     source: &'a S,
     little_endian: bool,
     entries: BTreeMap<u16, Entry>,
+    is_big: bool,
+    /// Where the next directory lies; 0 after the last.
+    next: u64,
 }
+
+/// Most directories looked at: an image, its mask, and overviews of both by halves down from 2³¹.
+const MAX_DIRECTORIES: usize = 64;
 
 pub(super) fn damaged(what: impl Into<String>) -> ParseError {
     ParseError::new(what, "the file is damaged or cut short: copy or download it again")
+}
+
+/// Trouble while reading bytes that lie in the file: the device's, unless the file has shrunk.
+pub(super) fn unreadable(what: impl Into<String>, error: &std::io::Error) -> ParseError {
+    let problem = damaged(format!("{}: {error}", what.into()));
+    match error.kind() {
+        std::io::ErrorKind::UnexpectedEof => problem,
+        kind => problem.of_kind(ParseErrorKind::Device(kind)),
+    }
 }
 
 /// Bytes of one value of a TIFF type.
@@ -51,12 +66,17 @@ struct Fields<'a, S: ?Sized> {
     little_endian: bool,
 }
 
-impl<S: ByteSource + ?Sized> Fields<'_, S> {
+impl<'a, S: ByteSource + ?Sized> Fields<'a, S> {
+    fn at(source: &'a S, offset: u64, little_endian: bool) -> Self {
+        let stream = std::io::BufReader::with_capacity(1024, Positioned::at(source, offset));
+        Self { stream, little_endian }
+    }
+
     fn bytes<const N: usize>(&mut self) -> Result<[u8; N], ParseError> {
         let mut bytes = [0; N];
         self.stream
             .read_exact(&mut bytes)
-            .map_err(|e| damaged(format!("the TIFF directory cannot be read: {e}")))?;
+            .map_err(|e| unreadable("the TIFF directory cannot be read", &e))?;
         Ok(bytes)
     }
 
@@ -90,12 +110,8 @@ impl<'a, S: ByteSource + ?Sized> Directory<'a, S> {
     /// # Errors
     /// If the bytes are no TIFF file, or a value lies outside them.
     pub fn read(source: &'a S) -> Result<Self, ParseError> {
-        let fields_at = |offset, little_endian| Fields {
-            stream: std::io::BufReader::with_capacity(1024, Positioned::at(source, offset)),
-            little_endian,
-        };
         // Header: byte order, version, offset of the first directory
-        let mut header = fields_at(0, true);
+        let mut header = Fields::at(source, 0, true);
         let little_endian = match &header.bytes()? {
             b"II" => true,
             b"MM" => false,
@@ -113,9 +129,30 @@ impl<'a, S: ByteSource + ?Sized> Directory<'a, S> {
             version => return Err(damaged(format!("the TIFF version is {version}, not 42 or 43"))),
         };
         let start = header.word(big)?;
+        Self::read_at(source, start, big, little_endian)
+    }
 
-        // Directory: number of entries, then tag, type, count, and the values or their offset
-        let mut fields = fields_at(start, little_endian);
+    /// The directories behind this one, as far as they can be read.
+    pub fn following(&self) -> Vec<Self> {
+        let mut found: Vec<Self> = Vec::new();
+        let mut next = self.next;
+        while next != 0 && found.len() < MAX_DIRECTORIES {
+            let read = Self::read_at(self.source, next, self.is_big, self.little_endian);
+            let Ok(directory) = read else { break };
+            next = directory.next;
+            found.push(directory);
+        }
+        found
+    }
+
+    /// Number of entries, then tag, type, count, and the values or their offset, then the next directory's place.
+    fn read_at(
+        source: &'a S,
+        start: u64,
+        big: bool,
+        little_endian: bool,
+    ) -> Result<Self, ParseError> {
+        let mut fields = Fields::at(source, start, little_endian);
         let count = if big { fields.word(true)? } else { u64::from(fields.u16()?) };
         if count > MAX_TAGS {
             return Err(damaged(format!("the TIFF directory names {count} tags")));
@@ -145,7 +182,9 @@ impl<'a, S: ByteSource + ?Sized> Directory<'a, S> {
                 return Err(damaged(format!("tag {tag} occurs twice")));
             }
         }
-        Ok(Self { source, little_endian, entries })
+        // a file cut behind its last entry is read all the same
+        let next = fields.word(big).unwrap_or(0);
+        Ok(Self { source, little_endian, entries, is_big: big, next })
     }
 
     /// Whether numbers in the file have their lowest byte first.
@@ -169,7 +208,7 @@ impl<'a, S: ByteSource + ?Sized> Directory<'a, S> {
         let mut bytes = vec![0; len as usize]; // at most the constant above
         Positioned::at(self.source, entry.offset)
             .read_exact(&mut bytes)
-            .map_err(|e| damaged(format!("tag {tag} cannot be read: {e}")))?;
+            .map_err(|e| unreadable(format!("tag {tag} cannot be read"), &e))?;
         if self.little_endian != cfg!(target_endian = "little") {
             let word = if matches!(entry.kind, 5 | 10) { 4 } else { size as usize }; // 1, 2, 4 or 8
             bytes.chunks_exact_mut(word).for_each(<[u8]>::reverse);

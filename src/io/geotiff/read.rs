@@ -10,11 +10,13 @@ use super::codec::{Compression, Predictor, SampleType, Scaling};
 use super::directory::Directory;
 use super::source::ByteSource;
 use crate::io::geokeys::{self, GeoReference};
-use crate::io::{Limits, ParseError, window};
-use crate::raster::{Affine, Crs, LengthUnit, MapWindow, SourceRaster};
+use crate::io::raster_file::RasterHead;
+use crate::io::{Limits, ParseError, ParseErrorKind, window};
+use crate::raster::{Affine, Crs, CrsProblem, LengthUnit, MapWindow, SourceRaster};
 
 /// Tag numbers.
 pub(super) mod tag {
+    pub const NEW_SUBFILE_TYPE: u16 = 254;
     pub const IMAGE_WIDTH: u16 = 256;
     pub const IMAGE_LENGTH: u16 = 257;
     pub const BITS_PER_SAMPLE: u16 = 258;
@@ -41,27 +43,50 @@ pub(super) mod tag {
     pub const GDAL_NODATA: u16 = 42113;
 }
 
-/// The CRS the header names, `None` where it is silent; no cell is read.
+/// Size and place that the header tells; no cell is read.
 ///
 /// # Errors
-/// If the header is damaged, or describes a CRS in a way that is not understood.
-pub fn crs<S: ByteSource + ?Sized>(source: &S) -> Result<Option<Crs>, ParseError> {
-    Ok(reference(&Directory::read(source)?)?.crs)
+/// If the header is damaged, or tells no place.
+pub fn head<S: ByteSource + ?Sized>(source: &S) -> Result<RasterHead, ParseError> {
+    let directory = Directory::read(source)?;
+    let (reference, problem) = reference(&directory)?;
+    let (rows, cols) = size(&directory)?;
+    Ok(RasterHead {
+        rows,
+        cols,
+        affine: affine(&directory, reference.pixel_is_point)?,
+        crs: match problem {
+            None => Some(reference.crs.unwrap_or(Crs::Local)),
+            Some(_) => None,
+        },
+    })
+}
+
+/// Rows and columns.
+fn size<S: ByteSource + ?Sized>(
+    directory: &Directory<'_, S>,
+) -> Result<(usize, usize), ParseError> {
+    let size = |tag| Ok::<_, ParseError>(directory.integer(tag)?.unwrap_or(0));
+    let (cols, rows) = (size(tag::IMAGE_WIDTH)?, size(tag::IMAGE_LENGTH)?);
+    if cols == 0 || rows == 0 || cols > u64::from(u32::MAX) || rows > u64::from(u32::MAX) {
+        return Err(super::directory::damaged(format!("the image has no cells ({cols} × {rows})")));
+    }
+    Ok((rows as usize, cols as usize)) // below 2³², just checked
 }
 
 fn reference<S: ByteSource + ?Sized>(
     directory: &Directory<'_, S>,
-) -> Result<GeoReference, ParseError> {
+) -> Result<(GeoReference, Option<ParseError>), ParseError> {
     let keys: Vec<u16> = directory
         .integers(tag::GEO_KEY_DIRECTORY)?
         .into_iter()
         .map(|word| word as u16) // the tag holds 16-bit words
         .collect();
-    geokeys::parse(
+    Ok(geokeys::parse_understood(
         &keys,
         &directory.doubles(tag::GEO_DOUBLE_PARAMS)?,
         &directory.text(tag::GEO_ASCII_PARAMS)?,
-    )
+    ))
 }
 
 /// The first band of a GeoTIFF's full-resolution image, or the part of it that `window` (in the file's CRS)
@@ -77,10 +102,17 @@ pub fn parse<S: ByteSource + ?Sized>(
 ) -> Result<SourceRaster, ParseError> {
     let directory = Directory::read(source)?;
     let chunks = chunks(&directory, source.len(), limits)?;
+    if directory.following().iter().any(is_mask_of_full_image) {
+        return Err(ParseError::new(
+            "the file keeps its nodata as a mask of its own, which is not read",
+            "turn the mask into a nodata value with: gdalwarp -dstnodata -9999 -ot Float32 IN OUT.tif",
+        )
+        .of_kind(ParseErrorKind::Unsupported));
+    }
     let (rows, cols) = (chunks.rows, chunks.cols);
 
     // Place
-    let reference = reference(&directory)?;
+    let (reference, crs_problem) = reference(&directory)?;
     let affine = affine(&directory, reference.pixel_is_point)?;
     window::check_affine(&affine, rows, cols)?;
     let range = window::cells(window, &affine, rows, cols, limits)?;
@@ -98,6 +130,7 @@ pub fn parse<S: ByteSource + ?Sized>(
         cols: range.cols.len(),
         affine: window::shifted(&affine, range.rows.start as f64, range.cols.start as f64),
         crs: reference.crs,
+        crs_problem: crs_problem.map(|p| CrsProblem { text: p.to_string(), is_fatal: true }),
         vertical_unit: reference
             .vertical_unit
             .or_else(|| first_band_item(&metadata, "unittype").and_then(unit_by_name)),
@@ -113,6 +146,13 @@ fn unsupported(what: impl Into<String>) -> ParseError {
         what,
         "rewrite it with: gdal_translate -b 1 -ot Float32 -co COMPRESS=DEFLATE IN OUT.tif",
     )
+    .of_kind(ParseErrorKind::Unsupported)
+}
+
+/// Whether a directory holds the mask of the full image; those of overviews have bit 0 as well.
+fn is_mask_of_full_image<S: ByteSource + ?Sized>(directory: &Directory<'_, S>) -> bool {
+    let is = |tag, value| directory.integer(tag).is_ok_and(|found| found == Some(value));
+    is(tag::NEW_SUBFILE_TYPE, 4) && is(tag::PHOTOMETRIC, 4)
 }
 
 /// The image's layout, checked against the file's length.
@@ -121,11 +161,7 @@ fn chunks<S: ByteSource + ?Sized>(
     file_len: u64,
     limits: &Limits,
 ) -> Result<Chunks, ParseError> {
-    let size = |tag| Ok::<_, ParseError>(directory.integer(tag)?.unwrap_or(0));
-    let (cols, rows) = (size(tag::IMAGE_WIDTH)?, size(tag::IMAGE_LENGTH)?);
-    if cols == 0 || rows == 0 || cols > u64::from(u32::MAX) || rows > u64::from(u32::MAX) {
-        return Err(super::directory::damaged(format!("the image has no cells ({cols} × {rows})")));
-    }
+    let (rows, cols) = size(directory)?;
     match directory.integer(tag::PHOTOMETRIC)? {
         Some(1) => {}
         Some(4) => return Err(unsupported("the first image is a mask, not elevations")),
@@ -163,11 +199,12 @@ fn chunks<S: ByteSource + ?Sized>(
     // Chunks: tiles or strips
     let tiled = directory.count(tag::TILE_OFFSETS) > 0;
     let (chunk_cols, chunk_rows, offsets, byte_counts) = if tiled {
+        let size = |tag| Ok::<_, ParseError>(directory.integer(tag)?.unwrap_or(0));
         let (width, length) = (size(tag::TILE_WIDTH)?, size(tag::TILE_LENGTH)?);
         (width, length, tag::TILE_OFFSETS, tag::TILE_BYTE_COUNTS)
     } else {
-        let rows_per_strip = directory.integer(tag::ROWS_PER_STRIP)?.unwrap_or(rows).min(rows);
-        (cols, rows_per_strip, tag::STRIP_OFFSETS, tag::STRIP_BYTE_COUNTS)
+        let rows_per_strip = directory.integer(tag::ROWS_PER_STRIP)?.unwrap_or(u64::MAX);
+        (cols as u64, rows_per_strip.min(rows as u64), tag::STRIP_OFFSETS, tag::STRIP_BYTE_COUNTS)
     };
     if chunk_cols == 0 || chunk_rows == 0 {
         return Err(super::directory::damaged("the image's tiles or strips have no cells"));
@@ -175,7 +212,11 @@ fn chunks<S: ByteSource + ?Sized>(
     let stored_bands = if planar { 1 } else { bands };
     let chunk_cells = chunk_cols.checked_mul(chunk_rows).and_then(|n| n.checked_mul(stored_bands));
     let chunk_cells = chunk_cells.and_then(|n| usize::try_from(n).ok());
-    if chunk_cells.is_none_or(|n| n > limits.max_cells.max(1 << 20)) {
+    // tiles reach beyond a small image, but not without bounds: they are unpacked whole
+    let image_cells = (rows as u64).saturating_mul(cols as u64);
+    let most_values = image_cells.saturating_mul(4 * stored_bands).saturating_add(1 << 20);
+    let most_values = usize::try_from(most_values).unwrap_or(usize::MAX);
+    if chunk_cells.is_none_or(|n| n > limits.max_cells.max(1 << 20).min(most_values)) {
         return Err(ParseError::new(
             format!(
                 "a single tile or strip of {chunk_cols} × {chunk_rows} × {stored_bands} values is too large"
@@ -184,8 +225,8 @@ fn chunks<S: ByteSource + ?Sized>(
         ));
     }
     let layout = Chunks {
-        rows: rows as usize, // both below 2³², checked above
-        cols: cols as usize,
+        rows,
+        cols,
         chunk_rows: chunk_rows as usize, // below the limit, checked above
         chunk_cols: chunk_cols as usize,
         stored_bands: stored_bands as usize, // at most 4096
@@ -489,6 +530,66 @@ mod tests {
         says(Made::new(2, 2, &[0.0; 4]).with(273, u32::MAX), "beyond the file");
         says(Made::new(u32::MAX, u32::MAX, &[0.0; 4]).with(277, 4000), "too large");
         says(Made::new(2, 2, &[0.0; 4]).with(278, 0), "no cells");
+    }
+
+    #[test]
+    fn issue_2_a_mask_directory_is_not_overlooked() {
+        let image = Made::new(2, 2, &[1.0, 2.0, 3.0, 4.0]);
+        let mut bytes = image.bytes();
+        // a second directory behind the first, whose pointer to it are the last four bytes
+        let second = bytes.len() as u32;
+        let pointer = bytes.len() - 4;
+        bytes[pointer..].copy_from_slice(&second.to_le_bytes());
+        let with_second = |subfile: u32, photometric: u32| {
+            let mut bytes = bytes.clone();
+            bytes.extend(2_u16.to_le_bytes());
+            for (tag, value) in [(254_u16, subfile), (262, photometric)] {
+                bytes.extend(tag.to_le_bytes());
+                bytes.extend(4_u16.to_le_bytes());
+                bytes.extend(1_u32.to_le_bytes());
+                bytes.extend(value.to_le_bytes());
+            }
+            bytes.extend([0; 4]);
+            parse(&bytes[..], None, &Limits::default())
+        };
+        let masked = with_second(4, 4).unwrap_err();
+        assert!(masked.hint.contains("-dstnodata"), "{masked}");
+        assert_eq!(masked.kind, ParseErrorKind::Unsupported);
+        assert!(with_second(1, 1).is_ok() && with_second(5, 4).is_ok());
+    }
+
+    #[test]
+    fn issue_2_tiles_far_larger_than_the_image_are_refused() {
+        let made = |side: u32| {
+            let image = Made::new(20, 20, &[0.0; 400]);
+            image.with(322, side).with(323, side).with(324, 8).with(325, 1600)
+        };
+        let error = made(20_000).read().unwrap_err();
+        assert!(error.what.contains("too large"), "{error}");
+        // 512² tiles of a small image are usual: the next check finds that 1600 bytes are too few
+        assert!(made(512).read().unwrap_err().what.contains("cannot hold"));
+    }
+
+    #[test]
+    fn issue_2_a_failing_device_is_not_damage() {
+        struct Failing(Vec<u8>);
+        impl ByteSource for Failing {
+            fn len(&self) -> u64 {
+                self.0.len() as u64
+            }
+            fn read_at(&self, offset: u64, buffer: &mut [u8]) -> std::io::Result<usize> {
+                // cells lie in the first bytes behind the header
+                if (8..24).contains(&offset) {
+                    return Err(std::io::Error::from(std::io::ErrorKind::TimedOut));
+                }
+                self.0[..].read_at(offset, buffer)
+            }
+        }
+        let source = Failing(Made::new(2, 2, &[1.0, 2.0, 3.0, 4.0]).bytes());
+        let problem = parse(&source, None, &Limits::default()).unwrap_err();
+        let error = problem.at(std::path::Path::new("a.tif"));
+        assert!(matches!(error, crate::io::Error::Read { .. }), "{error}");
+        assert!(error.is_machine_failure());
     }
 
     #[test]
