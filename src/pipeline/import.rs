@@ -9,7 +9,7 @@ use super::scene_files::{StageFiles, mean};
 use crate::abiotics::{self, AbioticMaps};
 use crate::io::{self, Limits, ParseError, las, raster_file};
 use crate::progress::{Reporter, Stage};
-use crate::raster::{Crs, Frame, GeoTransform, Grid, MONTHS, MapWindow, Mask};
+use crate::raster::{Crs, Frame, GeoTransform, Grid, LengthUnit, MONTHS, MapWindow, Mask};
 use crate::scene::{Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
 use crate::species::{Biome, Climate};
 use crate::terrain::framing::Placement;
@@ -217,42 +217,90 @@ fn window_in_file(request: &ImportRequest, header_crs: Option<Crs>) -> Option<Ma
     stays.then_some(bbox)
 }
 
-/// All clouds as one.
+/// All clouds as one, without those that the window misses.
 fn read_clouds(
     request: &ImportRequest,
     limits: &Limits,
     reporter: &Reporter,
     stage: &Stage<'_>,
 ) -> Result<las::PointCloud, Error> {
-    let mut joined: Option<las::PointCloud> = None;
+    let given = &request.terrain;
+    let mut joined: Option<(&Path, las::PointCloud)> = None;
     for path in &request.inputs {
         reporter.check_cancelled()?;
-        let window = match request.terrain.bbox {
-            Some(_) => window_in_file(request, Some(las::header_crs(path)?.unwrap_or(Crs::Local))),
-            None => None,
-        };
-        let cloud = las::read(path, window, limits)?;
-        stage.advance(1);
-        match &mut joined {
-            None => joined = Some(cloud),
-            Some(first) if request.terrain.crs.is_none() && first.crs != cloud.crs => {
-                let name = |crs: &Option<Crs>| {
-                    crs.as_ref().map_or_else(|| "no CRS".to_owned(), Crs::to_string)
-                };
-                return Err(Error::Usage {
-                    what: format!(
-                        "{} is in {}, {} in {}; give clouds of one CRS, or reproject one",
-                        request.inputs[0].display(),
-                        name(&first.crs),
-                        path.display(),
-                        name(&cloud.crs)
-                    ),
-                });
+        let in_metres = given.horizontal_unit.is_none_or(|unit| unit == LengthUnit::Metre);
+        let window = match (given.bbox.filter(|_| in_metres), &given.crs) {
+            (None, _) => None,
+            (Some(_), Some(_)) => window_in_file(request, None),
+            (Some(_), None) => {
+                window_in_file(request, Some(las::header_crs(path)?.unwrap_or(Crs::Local)))
             }
-            Some(first) => first.append(cloud),
+        };
+        let window = window.map(|bbox| cloud_import::window_of_points(&bbox, given));
+        let read = joined.as_ref().map_or(0, |(_, cloud)| cloud.len());
+        let limits = Limits { max_points: limits.max_points - read, ..*limits };
+        let cloud = las::read(path, window, &limits)?;
+        stage.advance(1);
+        if cloud.is_empty() {
+            continue;
+        }
+        if let (None, Some(problem)) = (&given.crs, &cloud.crs_problem) {
+            return Err(problem.clone().at(path).into());
+        }
+        match &mut joined {
+            None => joined = Some((path, cloud)),
+            Some((first_path, first)) => {
+                let cloud = in_units_of(first, first_path, cloud, path, given)?;
+                first.append(cloud);
+            }
         }
     }
-    joined.ok_or_else(|| Error::Usage { what: "no input given; name at least one file".to_owned() })
+    joined.map(|(_, cloud)| cloud).ok_or_else(|| {
+        let what = match (request.inputs.first(), given.bbox) {
+            (Some(path), Some(bbox)) => {
+                let others = if request.inputs.len() > 1 { " and the other clouds" } else { "" };
+                format!(
+                    "{}{others}: no point lies in the window {bbox}; check --bbox (west,south,east,north in the cloud's own map coordinates)",
+                    path.display()
+                )
+            }
+            _ => "no input given; name at least one file".to_owned(),
+        };
+        Error::Usage { what }
+    })
+}
+
+/// A cloud that is to be joined to the first, heights in the first one's unit.
+fn in_units_of(
+    first: &las::PointCloud,
+    first_path: &Path,
+    cloud: las::PointCloud,
+    path: &Path,
+    given: &ImportParams,
+) -> Result<las::PointCloud, Error> {
+    let (first_name, name) = (first_path.display(), path.display());
+    if given.crs.is_none() && first.crs != cloud.crs {
+        let crs =
+            |crs: &Option<Crs>| crs.as_ref().map_or_else(|| "no CRS".to_owned(), Crs::to_string);
+        let (first_crs, crs) = (crs(&first.crs), crs(&cloud.crs));
+        let what = format!(
+            "{first_name} is in {first_crs}, {name} in {crs}; give clouds of one CRS, or reproject one"
+        );
+        return Err(Error::Usage { what });
+    }
+    match (first.vertical_unit, cloud.vertical_unit) {
+        _ if given.vertical_unit.is_some() => Ok(cloud),
+        (first_unit, unit) if first_unit == unit => Ok(cloud),
+        (Some(first_unit), Some(unit)) => Ok(cloud.with_heights_in(first_unit, unit)),
+        (first_unit, _) => {
+            let (named, silent) =
+                if first_unit.is_some() { (first_name, name) } else { (name, first_name) };
+            let what = format!(
+                "{named} names its unit of height, {silent} does not; give --vertical-unit if they are the same, or import them one by one"
+            );
+            Err(Error::Usage { what })
+        }
+    }
 }
 
 /// Whether a file is a point cloud, by its first bytes or its name.
