@@ -554,7 +554,7 @@ pub(crate) mod tests {
     }
 
     /// A LAS file whose records are `(record_id, data)` of `LASF_Projection`.
-    fn with_records(records: &[(u16, Vec<u8>)]) -> Vec<u8> {
+    pub(crate) fn with_records(records: &[(u16, Vec<u8>)]) -> Vec<u8> {
         let mut builder = las::Builder::from((1, 4));
         builder.point_format = Format::new(6).unwrap();
         for (record_id, data) in records {

@@ -455,3 +455,92 @@ fn abiotic_figures(maps: &AbioticMaps) -> toml::Table {
 fn parameters<P: serde::Serialize>(params: &P) -> Result<toml::Table, Error> {
     toml::Table::try_from(params).map_err(|e| Error::Failed { what: format!("parameters: {e}") })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::las::{PointCloud, Quantization};
+
+    /// 100 points on a line eastward from `west`.
+    fn cloud(west: f64, vertical_unit: Option<LengthUnit>) -> PointCloud {
+        let axes = [Quantization { scale: 0.01, offset: 0.0 }; 3];
+        let mut cloud = PointCloud::new(axes, Some(Crs::Epsg(32633)), vertical_unit);
+        (0..100).for_each(|i| cloud.push([west + f64::from(i), 5_000_000.0, 30.0], 2));
+        cloud
+    }
+
+    /// Reads files of such clouds, `wests` apart.
+    fn read(
+        wests: &[f64],
+        limits: &Limits,
+        change: impl Fn(&mut ImportRequest),
+    ) -> Result<PointCloud, Error> {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = wests.iter().map(|west| {
+            let path = folder.path().join(format!("{west}.laz"));
+            las::write_laz(&cloud(*west, None), &path).unwrap();
+            path
+        });
+        let mut request = ImportRequest::new(paths.collect(), PathBuf::new());
+        change(&mut request);
+        let reporter = Reporter::silent();
+        read_clouds(&request, limits, &reporter, &reporter.stage("read", 0))
+    }
+
+    #[test]
+    fn issue_2_clouds_that_the_window_misses_are_skipped() {
+        let wests = [410_000.0, 400_000.0, 420_000.0];
+        let window = |west: f64| {
+            let (south, north) = (4_999_990.0, 5_000_010.0);
+            let bbox = MapWindow { west, south, east: west + 50.0, north };
+            read(&wests, &Limits::default(), |r| r.terrain.bbox = Some(bbox))
+        };
+        assert_eq!(window(400_020.0).unwrap().bounds().unwrap().min[0], 400_000.0);
+        let message = window(500_000.0).unwrap_err().to_string();
+        assert!(message.contains("--bbox") && message.contains("500000"), "{message}");
+    }
+
+    #[test]
+    fn issue_2_the_limit_of_points_holds_for_all_clouds_together() {
+        let read = |max_points| {
+            let limits = Limits { max_points, ..Limits::default() };
+            read(&[400_000.0, 400_100.0, 400_200.0], &limits, |_| ())
+        };
+        assert_eq!(read(300).unwrap().len(), 300);
+        let message = read(299).unwrap_err().to_string();
+        assert!(message.contains("400200.laz") && message.contains("99"), "{message}");
+    }
+
+    #[test]
+    fn issue_2_heights_in_other_units_are_converted_or_refused() {
+        let (metres, feet) = (Some(LengthUnit::Metre), Some(LengthUnit::Foot));
+        let joined = |first, second, given: Option<LengthUnit>| {
+            let given = ImportParams { vertical_unit: given, ..ImportParams::default() };
+            let (first, second) = (cloud(4e5, first), cloud(5e5, second));
+            in_units_of(&first, Path::new("a.laz"), second, Path::new("b.laz"), &given)
+                .map(|cloud| cloud.position(0)[2])
+        };
+        assert!((joined(metres, feet, None).unwrap() - 30.0 * 0.3048).abs() < 1e-9);
+        assert!((joined(feet, metres, None).unwrap() - 30.0 / 0.3048).abs() < 1e-9);
+        assert_eq!(joined(metres, feet, feet).unwrap(), 30.0);
+        assert_eq!(joined(None, None, None).unwrap(), 30.0);
+        let message = joined(metres, None, None).unwrap_err().to_string();
+        assert!(message.contains("a.laz names") && message.contains("b.laz does not"), "{message}");
+    }
+
+    #[test]
+    fn issue_2_the_user_s_crs_makes_up_for_keys_that_are_not_understood() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("keys.las");
+        let keys = [1_u16, 1, 0, 1, 1024, 0, 1, 1].iter().flat_map(|k| k.to_le_bytes()).collect();
+        std::fs::write(&path, las::tests::with_records(&[(34735, keys)])).unwrap();
+        let read = |crs: Option<Crs>| {
+            let mut request = ImportRequest::new(vec![path.clone()], PathBuf::new());
+            request.terrain.crs = crs;
+            let reporter = Reporter::silent();
+            read_clouds(&request, &Limits::default(), &reporter, &reporter.stage("read", 0))
+        };
+        assert!(read(None).unwrap_err().to_string().contains("--crs"));
+        assert_eq!(read(Some(Crs::Epsg(32633))).unwrap().len(), 1);
+    }
+}
