@@ -142,12 +142,6 @@ pub enum ImportError {
     /// A point cloud gives no surfaces.
     #[error("{path}: {source}", path = path.display())]
     Cloud { path: PathBuf, source: point_cloud::Error },
-    /// A point cloud in degrees.
-    #[error(
-        "{path}: the cloud's coordinates are degrees; reproject it to a metric CRS first (pdal translate in.laz out.laz reprojection --filters.reprojection.out_srs=EPSG:n)",
-        path = path.display()
-    )]
-    CloudInDegrees { path: PathBuf },
     /// The run was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
