@@ -89,6 +89,7 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
     files.extend(request.inputs.iter().flat_map(|path| raster_file::beside(path)));
     files.extend(request.climate_file.clone());
     let inputs = hash_inputs(&files)?;
+    refuse_copies(&request.inputs, &inputs)?;
 
     // the climate tells the latitude where nothing else does
     let given = format!("{inputs:?} {:?} {}", request.terrain, climate.latitude_deg);
@@ -292,15 +293,24 @@ fn hash_inputs(paths: &[PathBuf]) -> Result<Vec<Input>, Error> {
             return Err(problem.at(path).into());
         }
         let (blake3, bytes) = hash_file(path).map_err(failed)?;
-        if let Some(first) = inputs.iter().position(|input| input.blake3 == blake3) {
-            let (first, second) = (paths[first].display(), path.display());
-            let what = format!("{first} and {second} are the same file; give each file once");
-            return Err(Error::Usage { what });
-        }
         let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         inputs.push(Input { file, bytes, blake3 });
     }
     Ok(inputs)
+}
+
+/// Refuses rasters and clouds given twice: twice the points would halve the cells' width. Files beside them,
+/// such as the `.prj` of each tile, may well be copies.
+fn refuse_copies(paths: &[PathBuf], inputs: &[Input]) -> Result<(), Error> {
+    for (at, (second, input)) in paths.iter().zip(inputs).enumerate() {
+        let copied = inputs[..at].iter().position(|earlier| earlier.blake3 == input.blake3);
+        if let Some(first) = copied {
+            let (first, second) = (paths[first].display(), second.display());
+            let what = format!("{first} and {second} are the same file; give each file once");
+            return Err(Error::Usage { what });
+        }
+    }
+    Ok(())
 }
 
 fn key(parts: &[&str]) -> String {

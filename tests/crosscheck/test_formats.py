@@ -132,7 +132,7 @@ def test_local_metres_stay_local(tmp_path):
         assert got.transform == given.transform
         assert np.array_equal(got.read(1), values)
     scene = tomllib.loads((folder / "scene.toml").read_text())["scene"]
-    assert scene["crs"] == "local" and scene["latitude_deg"] == pytest.approx(-42.5)
+    assert scene["crs"] == "local" and np.degrees(scene["latitude_rad"]) == pytest.approx(-42.5)
     assert scene["south_west_m"] == [120.0, 800.0] and scene["extent_m"] == [140.0, 100.0]
 
 
@@ -162,7 +162,7 @@ def test_elv(tmp_path):
     folder = run_import(source, tmp_path / "forest")
     assert np.abs(read(folder / "terrain.tif") - values).max() < 1e-3
     scene = tomllib.loads((folder / "scene.toml").read_text())["scene"]
-    assert (scene["latitude_deg"], scene["cell_m"]) == (pytest.approx(42.5), 2.0)
+    assert (np.degrees(scene["latitude_rad"]), scene["cell_m"]) == (pytest.approx(42.5), 2.0)
 
 
 @pytest.mark.parametrize("unit, metres", [("ft", 0.3048), ("us-ft", 1200 / 3937), (None, 1200 / 3937)])
