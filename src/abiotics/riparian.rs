@@ -22,12 +22,32 @@ use rayon::prelude::*;
 use crate::progress::{Cancelled, Reporter};
 use crate::raster::{Cell, MONTHS};
 
-use super::drainage::DrainageSurface;
+use super::drainage::{self, DrainageSurface, NEIGHBOURS};
 use super::routing::{ChannelCell, LEAVES_MAP};
 
 /// Marks an entry of [`NearestDrainage::target`] as an index of a channel cell, not of a map cell.
 const CHANNEL: u32 = 1 << 31;
 const UNKNOWN: u32 = u32::MAX;
+
+/// Way down of a cell whose water leaves the map, and of one that is masked; others are directions.
+const OUTWARD: u8 = 8;
+const MASKED: u8 = 9;
+
+/// Cells between two looks at the cancel flag.
+const CANCEL_INTERVAL: usize = 1 << 20;
+
+/// The steepest way down from each cell: a direction of [`NEIGHBOURS`], [`OUTWARD`] or [`MASKED`].
+fn ways_down(surface: &DrainageSurface) -> Vec<u8> {
+    let cols = surface.cols();
+    let way_down = |index: usize| {
+        let cell = Cell { row: index / cols, col: index % cols };
+        if surface.height_m(cell) == f32::INFINITY {
+            return MASKED;
+        }
+        surface.descent(cell).steepest_inward().map_or(OUTWARD, |direction| direction as u8)
+    };
+    (0..surface.rows() * cols).into_par_iter().map(way_down).collect()
+}
 
 /// Where each cell's water first meets a channel, or else leaves the map.
 pub(super) struct NearestDrainage {
@@ -45,34 +65,34 @@ impl NearestDrainage {
         reporter: &Reporter,
     ) -> Result<Self, Cancelled> {
         let cols = surface.cols();
+        let ways_down = ways_down(surface);
+        reporter.check_cancelled()?;
         let mut target = vec![UNKNOWN; surface.rows() * cols];
         for (i, channel) in channels.iter().enumerate() {
             target[channel.cell as usize] = CHANNEL | i as u32; // fewer than cells
         }
+        let steps = NEIGHBOURS.map(|(row, col)| row * cols as isize + col);
         let mut path = Vec::new();
-        for row in 0..surface.rows() {
-            if row % 64 == 0 {
+        for start in 0..target.len() {
+            if start % CANCEL_INTERVAL == 0 {
                 reporter.check_cancelled()?;
             }
-            for col in 0..cols {
-                let mut cell = Cell { row, col };
-                if surface.height_m(cell) == f32::INFINITY {
-                    continue;
+            if ways_down[start] == MASKED {
+                continue;
+            }
+            let mut index = start;
+            let end = loop {
+                if target[index] != UNKNOWN {
+                    break target[index];
                 }
-                let end = loop {
-                    let index = cell.row * cols + cell.col;
-                    if target[index] != UNKNOWN {
-                        break target[index];
-                    }
-                    path.push(index);
-                    match surface.receiver(cell) {
-                        Some(next) => cell = next,
-                        None => break index as u32,
-                    }
-                };
-                for index in path.drain(..) {
-                    target[index] = end;
+                path.push(index);
+                match steps.get(ways_down[index] as usize) {
+                    Some(&way) => index = drainage::step(index, way),
+                    None => break index as u32, // cells are limited to 400 million
                 }
+            };
+            for index in path.drain(..) {
+                target[index] = end;
             }
         }
         Ok(Self { target })
