@@ -10,7 +10,7 @@ use crate::abiotics::{self, AbioticMaps};
 use crate::io::{self, Limits, ParseError, las, raster_file};
 use crate::progress::{Reporter, Stage};
 use crate::raster::{Crs, Frame, GeoTransform, Grid, MONTHS, MapWindow, Mask};
-use crate::scene::{Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
+use crate::scene::{self, Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
 use crate::species::{Biome, Climate};
 use crate::terrain::framing::Placement;
 use crate::terrain::import::{self as terrain_import, ImportParams};
@@ -87,16 +87,22 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
     let climate = climate(request)?;
     let mut files = request.inputs.clone();
     files.extend(request.inputs.iter().flat_map(|path| raster_file::beside(path)));
-    files.extend(request.climate_file.clone());
-    let inputs = hash_inputs(&files)?;
+    let mut inputs = hash_inputs(&files)?;
     refuse_copies(&request.inputs, &inputs)?;
 
-    // the climate tells the latitude where nothing else does
-    let given = format!("{inputs:?} {:?} {}", request.terrain, climate.latitude_deg);
-    let terrain_key = key(&["terrain", &given]);
     let climate_text = format!("{climate:?}");
-    let abiotics_key =
-        key(&["abiotics", &terrain_key, &climate_text, &format!("{:?}", request.abiotics)]);
+    let keys = |is_local: bool| {
+        // the climate tells the latitude where nothing else does
+        let from_climate = is_local && request.terrain.latitude_deg.is_none();
+        let latitude_deg = from_climate.then_some(climate.latitude_deg);
+        let terrain =
+            key(&["terrain", &format!("{inputs:?} {:?} {latitude_deg:?}", request.terrain)]);
+        let abiotics =
+            key(&["abiotics", &terrain, &climate_text, &format!("{:?}", request.abiotics)]);
+        (terrain, abiotics)
+    };
+    let (terrain_key, abiotics_key) =
+        keys(existing.as_ref().is_some_and(|m| m.scene.crs == scene::LOCAL));
     let head_is_current = existing
         .as_ref()
         .is_some_and(|m| m.scene.biome == request.biome && m.scene.seed == request.seed);
@@ -118,6 +124,8 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         None => read_terrain_in(request, &climate, reporter)?,
     };
     let scene = SceneHead::new(&request.folder, &read.terrain, &request.biome, request.seed);
+    let (terrain_key, abiotics_key) = keys(scene.crs == scene::LOCAL);
+    inputs.extend(hash_inputs(request.climate_file.as_slice())?);
     let mut manifest =
         Manifest { scene, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
     reporter.check_cancelled()?;
