@@ -3,18 +3,29 @@
 set -euo pipefail
 cd "$(dirname "$0")"
 step() { printf '\n== %s\n' "$1"; }
+fail() { printf '\nFAILED: %s\n' "$1" >&2; exit 1; }
+trap 'printf "\nFAILED: see above\n" >&2' ERR
+target=${CARGO_TARGET_DIR:-target}
 
-step "Python checkers"
-[ -d .venv ] || python3 -m venv .venv
-.venv/bin/pip install --quiet --disable-pip-version-check -r tests/crosscheck/requirements.txt
+step "Tools"
+command -v cargo >/dev/null || fail "cargo is missing: install Rust from https://rustup.rs"
+command -v python3 >/dev/null || fail "python3 is missing: install it (apt-get install python3 python3-venv)"
+if [ ! -x .venv/bin/pip ]; then
+  rm -rf .venv
+  python3 -m venv .venv || fail "python3 cannot make a virtual environment: install its venv module (apt-get install python3-venv)"
+fi
+.venv/bin/pip install --quiet --disable-pip-version-check -r tests/crosscheck/requirements.txt ||
+  fail "pip cannot install the Python checkers: is the network there?"
 
-step "GDAL, for the feature gdal and the slope cross-check"
-if ! command -v gdaldem >/dev/null || ! pkg-config --exists gdal; then
-  if command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
-    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq gdal-bin libgdal-dev pkg-config clang >/dev/null
-  else
-    echo "skipped: install gdal-bin and libgdal-dev to run these checks"
-  fi
+# for the feature gdal, and for slopes and warps against GDAL's programs
+has_gdal() { command -v gdaldem >/dev/null && command -v gdalwarp >/dev/null && pkg-config --exists gdal 2>/dev/null; }
+if ! has_gdal && command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
+  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq gdal-bin libgdal-dev pkg-config >/dev/null ||
+    echo "apt-get cannot install GDAL"
+fi
+skipped=""
+if ! has_gdal; then
+  skipped=" (checks against GDAL's programs skipped: install gdal-bin, libgdal-dev and pkg-config)"
 fi
 
 step "Format"
@@ -29,11 +40,14 @@ RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --document-private-items --quiet
 step "Rust tests"
 cargo test --quiet
 
-if pkg-config --exists gdal 2>/dev/null; then
+if has_gdal; then
   step "Rust tests of the feature gdal"
   cargo test --quiet --features gdal --lib gdal
 fi
 
 step "Python cross-checks"
 cargo build --release --quiet
-.venv/bin/python -m pytest -q -p no:cacheprovider tests/crosscheck
+[ -x "$target/release/wildwood" ] || fail "no program at $target/release/wildwood"
+.venv/bin/python -m pytest -q -rs -p no:cacheprovider tests/crosscheck
+
+step "All tests passed$skipped"

@@ -19,7 +19,7 @@ use crate::terrain::Terrain;
 pub const FORMAT: u32 = 1;
 const MANIFEST: &str = "scene.toml";
 /// How `scene.toml` calls [`Crs::Local`].
-const LOCAL: &str = "local";
+pub const LOCAL: &str = "local";
 const STAGING_PREFIX: &str = ".wildwood-partial-";
 
 /// Trouble with a scene folder.

@@ -63,10 +63,17 @@ fn an_unchanged_import_runs_nothing_and_a_changed_climate_only_what_depends_on_i
     let home = tempfile::tempdir().unwrap();
     let (demo_folder, forest) = (home.path().join("demo"), home.path().join("forest"));
     demo(&demo_folder, &[]);
-    let dem = demo_folder.join("terrain.tif");
+    let dem = demo_folder.join("terrain.tif"); // local metres: the climate tells the latitude unless the user does
     let import = |options: &[&str]| {
-        let mut arguments =
-            vec!["import", dem.to_str().unwrap(), "-o", forest.to_str().unwrap(), "--json"];
+        let mut arguments = vec![
+            "import",
+            dem.to_str().unwrap(),
+            "-o",
+            forest.to_str().unwrap(),
+            "--json",
+            "--latitude",
+            "40",
+        ];
         arguments.extend(options);
         String::from_utf8(wildwood(&arguments).stdout).unwrap()
     };
@@ -92,6 +99,26 @@ fn an_unchanged_import_runs_nothing_and_a_changed_climate_only_what_depends_on_i
     fs::remove_file(forest.join("terrain.tif")).unwrap();
     import(&["--biome", "pyrenees"]);
     assert!(before["terrain.tif"] == contents(&forest)["terrain.tif"]);
+}
+
+#[test]
+fn the_climate_counts_for_terrain_only_where_it_tells_the_latitude() {
+    let home = tempfile::tempdir().unwrap();
+    let (demo_folder, forest) = (home.path().join("demo"), home.path().join("forest"));
+    demo(&demo_folder, &[]);
+    let dem = demo_folder.join("terrain.tif");
+    let latitude = |options: &[&str]| {
+        let mut arguments = vec!["import", dem.to_str().unwrap(), "-o", forest.to_str().unwrap()];
+        arguments.extend(options);
+        wildwood(&arguments);
+        let manifest = fs::read_to_string(forest.join("scene.toml")).unwrap();
+        let line = manifest.lines().find(|line| line.starts_with("latitude_rad")).unwrap();
+        line.split(" = ").nth(1).unwrap().parse::<f64>().unwrap().to_degrees()
+    };
+    let close = |a: f64, b: f64| (a - b).abs() < 1e-3;
+    assert!(close(latitude(&["--biome", "sonoma"]), 38.578));
+    assert!(close(latitude(&["--biome", "pyrenees"]), 42.5));
+    assert!(close(latitude(&["--biome", "pyrenees", "--latitude", "-7"]), -7.0));
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::io::raster_file::RasterHead;
 use crate::io::{self, Limits, ParseError, las, raster_file};
 use crate::progress::{Reporter, Stage};
 use crate::raster::{Crs, Frame, GeoTransform, Grid, LengthUnit, MONTHS, MapWindow, Mask};
-use crate::scene::{Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
+use crate::scene::{self, Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
 use crate::species::{Biome, Climate};
 use crate::terrain::framing::Placement;
 use crate::terrain::import::{self as terrain_import, ImportParams};
@@ -88,15 +88,22 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
     let climate = climate(request)?;
     let mut files = request.inputs.clone();
     files.extend(request.inputs.iter().flat_map(|path| raster_file::beside(path)));
-    files.extend(request.climate_file.clone());
-    let inputs = hash_inputs(&files)?;
+    let mut inputs = hash_inputs(&files)?;
+    refuse_copies(&request.inputs, &inputs)?;
 
-    // the climate tells the latitude where nothing else does
-    let given = format!("{inputs:?} {:?} {}", request.terrain, climate.latitude_deg);
-    let terrain_key = key(&["terrain", &given]);
     let climate_text = format!("{climate:?}");
-    let abiotics_key =
-        key(&["abiotics", &terrain_key, &climate_text, &format!("{:?}", request.abiotics)]);
+    let keys = |is_local: bool| {
+        // the climate tells the latitude where nothing else does
+        let from_climate = is_local && request.terrain.latitude_deg.is_none();
+        let latitude_deg = from_climate.then_some(climate.latitude_deg);
+        let terrain =
+            key(&["terrain", &format!("{inputs:?} {:?} {latitude_deg:?}", request.terrain)]);
+        let abiotics =
+            key(&["abiotics", &terrain, &climate_text, &format!("{:?}", request.abiotics)]);
+        (terrain, abiotics)
+    };
+    let (terrain_key, abiotics_key) =
+        keys(existing.as_ref().is_some_and(|m| m.scene.crs == scene::LOCAL));
     let head_is_current = existing
         .as_ref()
         .is_some_and(|m| m.scene.biome == request.biome && m.scene.seed == request.seed);
@@ -118,6 +125,8 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         None => read_terrain_in(request, &climate, reporter)?,
     };
     let scene = SceneHead::new(&request.folder, &read.terrain, &request.biome, request.seed);
+    let (terrain_key, abiotics_key) = keys(scene.crs == scene::LOCAL);
+    inputs.extend(hash_inputs(request.climate_file.as_slice())?);
     let mut manifest =
         Manifest { scene, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
     reporter.check_cancelled()?;
@@ -384,15 +393,24 @@ fn hash_inputs(paths: &[PathBuf]) -> Result<Vec<Input>, Error> {
             return Err(problem.at(path).into());
         }
         let (blake3, bytes) = hash_file(path).map_err(failed)?;
-        if let Some(first) = inputs.iter().position(|input| input.blake3 == blake3) {
-            let (first, second) = (paths[first].display(), path.display());
-            let what = format!("{first} and {second} are the same file; give each file once");
-            return Err(Error::Usage { what });
-        }
         let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         inputs.push(Input { file, bytes, blake3 });
     }
     Ok(inputs)
+}
+
+/// Refuses rasters and clouds given twice: twice the points would halve the cells' width. Files beside them,
+/// such as the `.prj` of each tile, may well be copies.
+fn refuse_copies(paths: &[PathBuf], inputs: &[Input]) -> Result<(), Error> {
+    for (at, (second, input)) in paths.iter().zip(inputs).enumerate() {
+        let copied = inputs[..at].iter().position(|earlier| earlier.blake3 == input.blake3);
+        if let Some(first) = copied {
+            let (first, second) = (paths[first].display(), second.display());
+            let what = format!("{first} and {second} are the same file; give each file once");
+            return Err(Error::Usage { what });
+        }
+    }
+    Ok(())
 }
 
 fn key(parts: &[&str]) -> String {

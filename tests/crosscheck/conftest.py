@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 import rasterio
 
+try:
+    import tomllib
+except ModuleNotFoundError:  # before Python 3.11
+    import tomli as tomllib
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
 WILDWOOD = TARGET / "release" / "wildwood"
 DATA = pathlib.Path(os.environ.get("WILDWOOD_DATA", ROOT.parent / "shared" / "data"))
 NODATA = -9999.0
@@ -21,6 +26,11 @@ def run_import(inputs, folder, *options):
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return folder
+
+
+def scene_head(folder):
+    """What scene.toml says of the scene as a whole."""
+    return tomllib.loads((folder / "scene.toml").read_text(encoding="utf-8"))["scene"]
 
 
 def real(path):

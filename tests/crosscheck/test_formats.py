@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import rasterio
 import rasterio.shutil
-import tomllib
 from rasterio.warp import Resampling, reproject
 from rasterio.windows import Window
 
-from conftest import NODATA, assert_equal, hills, read, run_import, write_tiff
+from conftest import NODATA, assert_equal, hills, read, run_import, scene_head, write_tiff
 
 LAYOUTS = {
     "strips": {},
@@ -131,8 +130,8 @@ def test_local_metres_stay_local(tmp_path):
         assert not got.crs.is_projected and not got.crs.is_geographic and "LOCAL" in got.crs.to_wkt()
         assert got.transform == given.transform
         assert np.array_equal(got.read(1), values)
-    scene = tomllib.loads((folder / "scene.toml").read_text())["scene"]
-    assert scene["crs"] == "local" and scene["latitude_deg"] == pytest.approx(-42.5)
+    scene = scene_head(folder)
+    assert scene["crs"] == "local" and np.degrees(scene["latitude_rad"]) == pytest.approx(-42.5)
     assert scene["south_west_m"] == [120.0, 800.0] and scene["extent_m"] == [140.0, 100.0]
 
 
@@ -161,8 +160,8 @@ def test_elv(tmp_path):
     source.write_text(f"40 30 2.0 42.5\n{rows}\n")
     folder = run_import(source, tmp_path / "forest")
     assert np.abs(read(folder / "terrain.tif") - values).max() < 1e-3
-    scene = tomllib.loads((folder / "scene.toml").read_text())["scene"]
-    assert (scene["latitude_deg"], scene["cell_m"]) == (pytest.approx(42.5), 2.0)
+    scene = scene_head(folder)
+    assert (np.degrees(scene["latitude_rad"]), scene["cell_m"]) == (pytest.approx(42.5), 2.0)
 
 
 @pytest.mark.parametrize("unit, metres", [("ft", 0.3048), ("us-ft", 1200 / 3937), (None, 1200 / 3937)])
