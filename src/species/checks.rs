@@ -27,7 +27,8 @@ pub(super) fn parse<T: for<'de> Deserialize<'de>>(text: &str) -> Result<T, Biome
     toml::from_str(text).map_err(|error| {
         let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or("");
         let line = before.matches('\n').count() + 1;
-        BiomeError::Syntax { message: format!("line {line}: {}", error.message()) }
+        let there = text.lines().nth(line - 1).unwrap_or("").trim();
+        BiomeError::Syntax { message: format!("line {line} (`{there}`): {}", error.message()) }
     })
 }
 
