@@ -37,6 +37,18 @@ pub enum Warning {
     LatitudeFromClimate { latitude_deg: f64 },
     /// Cells where tiles overlap and disagree by more than a metre.
     TilesDisagree { cells: usize },
+    /// Points of a cloud brought from another CRS into a metric one.
+    Projected { path: PathBuf, from: String, to: String },
+    /// The datum's shift grid is not at hand.
+    ShiftGridMissing { crs: String },
+    /// Points that the cloud itself marks as withheld or noise, left out.
+    PointsDropped { points: u64 },
+    /// Ground points far above or below their surroundings, left out.
+    GroundOutliers { points: usize },
+    /// Returns higher above ground than any tree, left out.
+    ReturnsTooHigh { returns: u64, max_height_m: f32 },
+    /// Returns from buildings, wires and bridges: no canopy.
+    BuiltReturns { returns: u64 },
     /// Anything a stage must say that has no variant yet.
     Other { text: String },
 }
@@ -87,6 +99,26 @@ impl fmt::Display for Warning {
             Self::TilesDisagree { cells } => write!(
                 f,
                 "tiles overlap and differ by more than 1 m in {cells} cells; the first tile named wins"
+            ),
+            Self::Projected { path, from, to } => {
+                write!(f, "{}: points brought from {from} to {to}", path.display())
+            }
+            Self::ShiftGridMissing { crs } => write!(
+                f,
+                "{crs}: datum shift without its grid; the scene's place may be off by up to 30 m"
+            ),
+            Self::PointsDropped { points } => {
+                write!(f, "left out {points} points marked as withheld or noise")
+            }
+            Self::GroundOutliers { points } => {
+                write!(f, "left out {points} ground points far above or below their surroundings")
+            }
+            Self::ReturnsTooHigh { returns, max_height_m } => {
+                write!(f, "left out {returns} returns more than {max_height_m} m above ground")
+            }
+            Self::BuiltReturns { returns } => write!(
+                f,
+                "{returns} returns from buildings, wires and bridges do not count as canopy"
             ),
             Self::Other { text } => f.write_str(text),
         }

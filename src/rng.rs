@@ -13,8 +13,12 @@
 pub enum Process {
     /// Gradients of the demo terrain's noise.
     TerrainNoise = 1,
-    /// Pulses and trees of a made-up point cloud.
-    SyntheticCloud = 90,
+    /// Pulses over a made-up forest.
+    SyntheticPulse = 90,
+    /// Trees of a made-up forest.
+    SyntheticTree = 91,
+    /// Points that tests strew.
+    StrewnPoints = 92,
 }
 
 /// The key of a draw. Equal keys give equal draws, on every machine.

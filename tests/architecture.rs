@@ -25,8 +25,8 @@ const LAYERS: &[&[&str]] = &[
 /// Stages are functions of their arguments: none of these may appear in their folders.
 const STAGES: &[&str] =
     &["terrain", "abiotics", "canopy", "simulation", "undergrowth", "forest_floor", "tree"];
-const IMPURE: &[&str] =
-    &["std::fs", "std::env", "std::time", "std::net", "std::process", "File::open"];
+const IMPURE_STD: &[&str] = &["fs", "env", "time", "net", "process", "thread"];
+const IMPURE: &[&str] = &["File::open", "current_num_threads", "available_parallelism"];
 
 struct Source {
     path: String,
@@ -51,32 +51,42 @@ fn production_code(text: &str) -> String {
     body.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
 }
 
-/// Top-level modules a text names by `crate::module` or `crate::{module, …}`.
-fn used_modules(code: &str) -> BTreeSet<String> {
-    let mut used = BTreeSet::new();
-    for rest in code.split("crate::").skip(1) {
-        if let Some(group) = rest.strip_prefix('{') {
-            let mut depth = 0;
-            let mut name = String::new();
-            for c in group.chars() {
-                match c {
-                    '{' => depth += 1,
-                    '}' if depth == 0 => break,
-                    '}' => depth -= 1,
-                    _ => {}
-                }
-                if depth == 0 {
-                    name.push(c)
-                }
+/// Names that a text puts right behind `root::`, alone or in braces: `root::a::b` and `root::{a::b, c}` give a and c.
+fn names_behind(root: &str, code: &str) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    let is_name = |c: char| c.is_alphanumeric() || c == '_';
+    for (at, found) in code.match_indices(&format!("{root}::")) {
+        if code[..at].ends_with(is_name) {
+            continue; // the end of a longer name
+        }
+        let rest = &code[at + found.len()..];
+        let Some(group) = rest.strip_prefix('{') else {
+            names.insert(rest.chars().take_while(|c| is_name(*c)).collect());
+            continue;
+        };
+        let mut depth = 0;
+        let mut flat = String::new();
+        for c in group.chars() {
+            match c {
+                '{' => depth += 1,
+                '}' if depth == 0 => break,
+                '}' => depth -= 1,
+                _ if depth == 0 => flat.push(c),
+                _ => {}
             }
-            for item in name.split(',') {
-                used.insert(item.trim().split("::").next().unwrap_or("").to_owned());
-            }
-        } else {
-            used.insert(rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect());
+        }
+        for item in flat.split(',') {
+            names.insert(item.trim().split("::").next().unwrap_or("").to_owned());
         }
     }
-    used
+    names
+}
+
+/// Top-level modules a file's code names, be it from `crate::` or by climbing there with `super::`.
+fn used_modules(path: &str, code: &str) -> BTreeSet<String> {
+    let module = path.trim_start_matches("src/").trim_end_matches(".rs").trim_end_matches("/mod");
+    let to_root = "super::".repeat(module.split('/').count());
+    names_behind("crate", &code.replace(&to_root, "crate::"))
 }
 
 fn violations(sources: &[Source]) -> Vec<String> {
@@ -88,7 +98,7 @@ fn violations(sources: &[Source]) -> Vec<String> {
             continue;
         };
         let code = production_code(text);
-        for used in used_modules(&code) {
+        for used in used_modules(path, &code) {
             if let Some(other) = layer(&used)
                 && used != module
                 && other >= own
@@ -99,6 +109,11 @@ fn violations(sources: &[Source]) -> Vec<String> {
             }
         }
         if STAGES.contains(&module) {
+            for name in names_behind("std", &code) {
+                if IMPURE_STD.contains(&name.as_str()) {
+                    found.push(format!("{path}: a stage uses std::{name}"));
+                }
+            }
             for impure in IMPURE {
                 if code.contains(impure) {
                     found.push(format!("{path}: a stage uses {impure}"));
@@ -186,17 +201,28 @@ fn planted_violations_are_caught() {
         "use crate::{math, pipeline::run};",
         "use crate::{raster::{Grid, Mask}, scene};",
         "fn f() { crate::cli::main(); }",
+        "use super::super::pipeline;",
+        "use super::super::{math, scene::Manifest};",
     ];
     for text in upward {
         assert_eq!(violations(&planted("src/abiotics/slope.rs", text)).len(), 1, "{text}");
     }
     assert_eq!(violations(&planted("src/math.rs", "use crate::rng::words;")).len(), 1);
-    assert_eq!(violations(&planted("src/terrain/mod.rs", "use std::fs::read;")).len(), 1);
+    assert_eq!(violations(&planted("src/terrain/mod.rs", "use super::scene;")).len(), 1);
+    for impure in [
+        "use std::fs::read;",
+        "use std::{env, sync::Arc};",
+        "let t = std::time::Instant::now();",
+        "let n = rayon::current_num_threads();",
+    ] {
+        assert_eq!(violations(&planted("src/terrain/mod.rs", impure)).len(), 1, "{impure}");
+    }
     assert_eq!(violations(&planted("src/utils.rs", "")).len(), 1);
     assert_eq!(violations(&planted("src/raster/grid.rs", &"\n".repeat(801))).len(), 1);
     // what is allowed stays allowed
     assert!(violations(&planted("src/abiotics/slope.rs", "use crate::raster::Grid;")).is_empty());
     assert!(violations(&planted("src/progress.rs", "use crate::rng::words;")).is_empty());
+    assert!(violations(&planted("src/abiotics/slope.rs", "use super::solar;")).is_empty());
 }
 
 #[test]

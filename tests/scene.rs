@@ -34,6 +34,7 @@ fn a_scene_has_the_files_it_promises() {
     demo(&folder, &[]);
     let names: Vec<String> = contents(&folder).into_keys().collect();
     let promised = [
+        "discharge.tif",
         "moisture.tif",
         "preview.png",
         "scene.toml",
@@ -42,9 +43,7 @@ fn a_scene_has_the_files_it_promises() {
         "temperature.tif",
         "terrain.tif",
     ];
-    for name in promised {
-        assert!(names.iter().any(|n| n == name), "{name} is missing among {names:?}");
-    }
+    assert_eq!(names, promised);
     assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1, "nothing else is left");
 }
 
@@ -71,20 +70,28 @@ fn an_unchanged_import_runs_nothing_and_a_changed_climate_only_what_depends_on_i
         arguments.extend(options);
         String::from_utf8(wildwood(&arguments).stdout).unwrap()
     };
+    let ran = |told: &str, stage: &str| told.contains(&format!("\"stage\":\"{stage}\""));
     let first = import(&[]);
-    assert!(first.contains("\"sunlight\""), "{first}");
+    assert!(ran(&first, "read") && ran(&first, "sunlight"), "{first}");
     let before = contents(&forest);
     let again = import(&[]);
-    assert!(!again.contains("\"sunlight\""), "{again}");
+    assert!(!ran(&again, "read") && !ran(&again, "sunlight"), "{again}");
     assert!(before == contents(&forest), "an unchanged import changed a file");
     let other_climate = import(&["--biome", "pyrenees"]);
-    assert!(other_climate.contains("\"sunlight\""), "{other_climate}");
+    assert!(ran(&other_climate, "sunlight") && !ran(&other_climate, "read"), "{other_climate}");
     assert!(before["terrain.tif"] == contents(&forest)["terrain.tif"]);
     assert!(before["sunlight.tif"] != contents(&forest)["sunlight.tif"]);
-    // a file somebody changed is made again
+    // the seed is recorded, nothing is made anew
+    let other_seed = import(&["--biome", "pyrenees", "--seed", "9"]);
+    assert!(!ran(&other_seed, "read") && !ran(&other_seed, "sunlight"), "{other_seed}");
+    assert!(fs::read_to_string(forest.join("scene.toml")).unwrap().contains("seed = 9\n"));
+    // a file somebody changed or removed is made again
     fs::write(forest.join("slope.tif"), b"edited").unwrap();
     import(&["--biome", "pyrenees"]);
     assert!(before["slope.tif"] == contents(&forest)["slope.tif"]);
+    fs::remove_file(forest.join("terrain.tif")).unwrap();
+    import(&["--biome", "pyrenees"]);
+    assert!(before["terrain.tif"] == contents(&forest)["terrain.tif"]);
 }
 
 #[test]
@@ -105,4 +112,42 @@ fn quiet_says_nothing() {
     let folder = home.path().join("forest");
     let output = wildwood(&["demo", "-o", folder.to_str().unwrap(), "--size", "64", "--quiet"]);
     assert!(output.stdout.is_empty() && output.stderr.is_empty());
+}
+
+/// Wherever the run is when it is stopped, its folder is as it was: here, not there.
+#[cfg(unix)]
+#[test]
+fn a_stopped_run_says_so_and_leaves_nothing() {
+    use std::io::{BufRead, BufReader};
+    use std::process::Stdio;
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("out/forest");
+    let mut running = Command::new(env!("CARGO_BIN_EXE_wildwood"))
+        .args(["demo", "-o", folder.to_str().unwrap(), "--size", "1024"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(running.stderr.take().unwrap()).lines();
+    let first = lines.next().unwrap().unwrap(); // a stage has ended: work is under way
+    let interrupt = Command::new("kill").args(["-INT", &running.id().to_string()]).status();
+    assert!(interrupt.unwrap().success());
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    assert_eq!(running.wait().unwrap().code(), Some(1), "{first} {rest:?}");
+    assert!(rest.last().is_some_and(|line| line.starts_with("error: cancelled")), "{rest:?}");
+    assert_eq!(fs::read_dir(home.path()).unwrap().count(), 0, "something was left behind");
+}
+
+#[test]
+fn doctor_and_bench_speak_json() {
+    let doctor = wildwood(&["doctor", "--json", "--threads", "3"]).stdout;
+    let doctor: serde_json::Value = serde_json::from_slice(&doctor).unwrap();
+    assert_eq!(
+        (&doctor["threads"], &doctor["version"]),
+        (&3.into(), &env!("CARGO_PKG_VERSION").into())
+    );
+    let bench = wildwood(&["bench", "abiotics-512", "--repeat", "1"]).stdout;
+    let bench: serde_json::Value = serde_json::from_slice(&bench).unwrap();
+    assert_eq!((&bench["workload"], &bench["runs"]), (&"abiotics-512".into(), &1.into()));
+    assert!(bench["fastest_s"].as_f64().unwrap() > 0.0 && bench["peak_memory_mib"].is_number());
 }

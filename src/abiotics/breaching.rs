@@ -255,12 +255,12 @@ mod tests {
 
     /// A bed 2 m deep and 3 m wide in a plain that falls south and a little west, crossed at rows 50–57 by a
     /// road whose crown lies 3 m above the bed; water that cannot pass would go round over the plain.
-    fn dammed(crown_m: f32) -> Grid<f32> {
+    fn dammed() -> Grid<f32> {
         Grid::from_fn(120, 100, 1.0, |cell| {
             let plain_m = 300.0 - 0.01 * cell.row as f32 + 0.004 * cell.col as f32;
             let in_bed = (59..62).contains(&cell.col);
             if in_bed && (50..58).contains(&cell.row) {
-                return plain_m - 2.0 + crown_m;
+                return plain_m + 1.0;
             }
             if in_bed { plain_m - 2.0 } else { plain_m }
         })
@@ -278,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_stream_goes_on_beneath_a_road() {
-        let elevation_m = dammed(3.0);
+        let elevation_m = dammed();
         let end = outlet(&elevation_m, Cell { row: 20, col: 60 });
         assert!(end.row == 119 && (59..62).contains(&end.col), "{end:?}");
         let breached = breached(&elevation_m);
@@ -290,10 +290,9 @@ mod tests {
 
     #[test]
     fn a_dam_higher_than_a_culverts_holds() {
-        let elevation_m = dammed(MAX_DEPTH_M + 2.0);
         let walled = Grid::from_fn(120, 100, 1.0, |cell| {
-            let is_dam = (50..58).contains(&cell.row);
-            elevation_m[cell] + if is_dam { MAX_DEPTH_M + 2.0 } else { 0.0 }
+            let wall_m = if (50..58).contains(&cell.row) { MAX_DEPTH_M + 1.0 } else { 0.0 };
+            300.0 - 0.01 * cell.row as f32 - 0.02 * cell.col.abs_diff(60) as f32 + wall_m
         });
         assert_eq!(breached(&walled).values(), walled.values());
     }

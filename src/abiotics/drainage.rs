@@ -112,7 +112,7 @@ impl DrainageSurface {
     }
 
     /// The cell that the steepest way down leads to; `None` where that way leaves the map.
-    #[inline]
+    #[cfg(test)]
     pub fn receiver(&self, cell: Cell) -> Option<Cell> {
         self.descent(cell).steepest_inward().map(|direction| neighbour(cell, direction))
     }

@@ -449,7 +449,8 @@ mod tests {
         let year = water_year(80.0);
         let site = CellSite { slope_rad: 1.0, demand_mm: [30.0; MONTHS] };
         assert!(year.run(&site, &[0.0; MONTHS]).moisture_mm.iter().all(|&mm| mm < 1e-3));
-        let seeping_mm = 5000.0 * (1.0 - math::exp(-1.0 / 150.0));
+        let seeping_mm =
+            5000.0 * (1.0 - math::exp(-1.0 / MoistureParams::default().run_on_infiltration_m));
         let rate = year.drain_rate_per_month(1.0) + 30.0 / 180.0;
         let fed = year.run(&site, &[5000.0; MONTHS]).moisture_mm[3];
         assert!((fed - seeping_mm / rate).abs() < 0.01, "{fed}");

@@ -122,8 +122,8 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        // chosen: 20,000² cells are 1.6 GB of f32, about what a 16 GB machine can work on;
-        // 500 million points are 6 GB of coordinates
-        Self { max_cells: 400_000_000, max_points: 500_000_000 }
+        // chosen: abiotic maps take about 160 bytes a cell, so 10,000² cells need 16 GB;
+        // 500 million points are 6.5 GB of coordinates
+        Self { max_cells: 100_000_000, max_points: 500_000_000 }
     }
 }

@@ -10,7 +10,7 @@ use crate::abiotics::{self, AbioticMaps};
 use crate::io::raster_file::RasterHead;
 use crate::io::{self, Limits, ParseError, las, raster_file};
 use crate::progress::{Reporter, Stage};
-use crate::raster::{Crs, Frame, GeoTransform, Grid, MONTHS, MapWindow, Mask};
+use crate::raster::{Crs, Frame, GeoTransform, Grid, LengthUnit, MONTHS, MapWindow, Mask};
 use crate::scene::{Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
 use crate::species::{Biome, Climate};
 use crate::terrain::framing::Placement;
@@ -261,42 +261,90 @@ fn windows_in_files(request: &ImportRequest) -> Result<Vec<Option<MapWindow>>, E
     Ok(heads.iter().map(window).collect())
 }
 
-/// All clouds as one.
+/// All clouds as one, without those that the window misses.
 fn read_clouds(
     request: &ImportRequest,
     limits: &Limits,
     reporter: &Reporter,
     stage: &Stage<'_>,
 ) -> Result<las::PointCloud, Error> {
-    let mut joined: Option<las::PointCloud> = None;
+    let given = &request.terrain;
+    let mut joined: Option<(&Path, las::PointCloud)> = None;
     for path in &request.inputs {
         reporter.check_cancelled()?;
-        let window = match request.terrain.bbox {
-            Some(_) => window_in_file(request, Some(las::header_crs(path)?.unwrap_or(Crs::Local))),
-            None => None,
-        };
-        let cloud = las::read(path, window, limits)?;
-        stage.advance(1);
-        match &mut joined {
-            None => joined = Some(cloud),
-            Some(first) if request.terrain.crs.is_none() && first.crs != cloud.crs => {
-                let name = |crs: &Option<Crs>| {
-                    crs.as_ref().map_or_else(|| "no CRS".to_owned(), Crs::to_string)
-                };
-                return Err(Error::Usage {
-                    what: format!(
-                        "{} is in {}, {} in {}; give clouds of one CRS, or reproject one",
-                        request.inputs[0].display(),
-                        name(&first.crs),
-                        path.display(),
-                        name(&cloud.crs)
-                    ),
-                });
+        let in_metres = given.horizontal_unit.is_none_or(|unit| unit == LengthUnit::Metre);
+        let window = match (given.bbox.filter(|_| in_metres), &given.crs) {
+            (None, _) => None,
+            (Some(_), Some(_)) => window_in_file(request, None),
+            (Some(_), None) => {
+                window_in_file(request, Some(las::header_crs(path)?.unwrap_or(Crs::Local)))
             }
-            Some(first) => first.append(cloud),
+        };
+        let window = window.map(|bbox| cloud_import::window_of_points(&bbox, given));
+        let read = joined.as_ref().map_or(0, |(_, cloud)| cloud.len());
+        let limits = Limits { max_points: limits.max_points - read, ..*limits };
+        let cloud = las::read(path, window, &limits)?;
+        stage.advance(1);
+        if cloud.is_empty() {
+            continue;
+        }
+        if let (None, Some(problem)) = (&given.crs, &cloud.crs_problem) {
+            return Err(problem.clone().at(path).into());
+        }
+        match &mut joined {
+            None => joined = Some((path, cloud)),
+            Some((first_path, first)) => {
+                let cloud = in_units_of(first, first_path, cloud, path, given)?;
+                first.append(cloud);
+            }
         }
     }
-    joined.ok_or_else(|| Error::Usage { what: "no input given; name at least one file".to_owned() })
+    joined.map(|(_, cloud)| cloud).ok_or_else(|| {
+        let what = match (request.inputs.first(), given.bbox) {
+            (Some(path), Some(bbox)) => {
+                let others = if request.inputs.len() > 1 { " and the other clouds" } else { "" };
+                format!(
+                    "{}{others}: no point lies in the window {bbox}; check --bbox (west,south,east,north in the cloud's own map coordinates)",
+                    path.display()
+                )
+            }
+            _ => "no input given; name at least one file".to_owned(),
+        };
+        Error::Usage { what }
+    })
+}
+
+/// A cloud that is to be joined to the first, heights in the first one's unit.
+fn in_units_of(
+    first: &las::PointCloud,
+    first_path: &Path,
+    cloud: las::PointCloud,
+    path: &Path,
+    given: &ImportParams,
+) -> Result<las::PointCloud, Error> {
+    let (first_name, name) = (first_path.display(), path.display());
+    if given.crs.is_none() && first.crs != cloud.crs {
+        let crs =
+            |crs: &Option<Crs>| crs.as_ref().map_or_else(|| "no CRS".to_owned(), Crs::to_string);
+        let (first_crs, crs) = (crs(&first.crs), crs(&cloud.crs));
+        let what = format!(
+            "{first_name} is in {first_crs}, {name} in {crs}; give clouds of one CRS, or reproject one"
+        );
+        return Err(Error::Usage { what });
+    }
+    match (first.vertical_unit, cloud.vertical_unit) {
+        _ if given.vertical_unit.is_some() => Ok(cloud),
+        (first_unit, unit) if first_unit == unit => Ok(cloud),
+        (Some(first_unit), Some(unit)) => Ok(cloud.with_heights_in(first_unit, unit)),
+        (first_unit, _) => {
+            let (named, silent) =
+                if first_unit.is_some() { (first_name, name) } else { (name, first_name) };
+            let what = format!(
+                "{named} names its unit of height, {silent} does not; give --vertical-unit if they are the same, or import them one by one"
+            );
+            Err(Error::Usage { what })
+        }
+    }
 }
 
 /// Whether a file is a point cloud, by its first bytes or its name.
@@ -450,4 +498,93 @@ fn abiotic_figures(maps: &AbioticMaps) -> toml::Table {
 /// Parameters as the manifest records them.
 fn parameters<P: serde::Serialize>(params: &P) -> Result<toml::Table, Error> {
     toml::Table::try_from(params).map_err(|e| Error::Failed { what: format!("parameters: {e}") })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::las::{PointCloud, Quantization};
+
+    /// 100 points on a line eastward from `west`.
+    fn cloud(west: f64, vertical_unit: Option<LengthUnit>) -> PointCloud {
+        let axes = [Quantization { scale: 0.01, offset: 0.0 }; 3];
+        let mut cloud = PointCloud::new(axes, Some(Crs::Epsg(32633)), vertical_unit);
+        (0..100).for_each(|i| cloud.push([west + f64::from(i), 5_000_000.0, 30.0], 2));
+        cloud
+    }
+
+    /// Reads files of such clouds, `wests` apart.
+    fn read(
+        wests: &[f64],
+        limits: &Limits,
+        change: impl Fn(&mut ImportRequest),
+    ) -> Result<PointCloud, Error> {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = wests.iter().map(|west| {
+            let path = folder.path().join(format!("{west}.laz"));
+            las::write_laz(&cloud(*west, None), &path).unwrap();
+            path
+        });
+        let mut request = ImportRequest::new(paths.collect(), PathBuf::new());
+        change(&mut request);
+        let reporter = Reporter::silent();
+        read_clouds(&request, limits, &reporter, &reporter.stage("read", 0))
+    }
+
+    #[test]
+    fn issue_2_clouds_that_the_window_misses_are_skipped() {
+        let wests = [410_000.0, 400_000.0, 420_000.0];
+        let window = |west: f64| {
+            let (south, north) = (4_999_990.0, 5_000_010.0);
+            let bbox = MapWindow { west, south, east: west + 50.0, north };
+            read(&wests, &Limits::default(), |r| r.terrain.bbox = Some(bbox))
+        };
+        assert_eq!(window(400_020.0).unwrap().bounds().unwrap().min[0], 400_000.0);
+        let message = window(500_000.0).unwrap_err().to_string();
+        assert!(message.contains("--bbox") && message.contains("500000"), "{message}");
+    }
+
+    #[test]
+    fn issue_2_the_limit_of_points_holds_for_all_clouds_together() {
+        let read = |max_points| {
+            let limits = Limits { max_points, ..Limits::default() };
+            read(&[400_000.0, 400_100.0, 400_200.0], &limits, |_| ())
+        };
+        assert_eq!(read(300).unwrap().len(), 300);
+        let message = read(299).unwrap_err().to_string();
+        assert!(message.contains("400200.laz") && message.contains("99"), "{message}");
+    }
+
+    #[test]
+    fn issue_2_heights_in_other_units_are_converted_or_refused() {
+        let (metres, feet) = (Some(LengthUnit::Metre), Some(LengthUnit::Foot));
+        let joined = |first, second, given: Option<LengthUnit>| {
+            let given = ImportParams { vertical_unit: given, ..ImportParams::default() };
+            let (first, second) = (cloud(4e5, first), cloud(5e5, second));
+            in_units_of(&first, Path::new("a.laz"), second, Path::new("b.laz"), &given)
+                .map(|cloud| cloud.position(0)[2])
+        };
+        assert!((joined(metres, feet, None).unwrap() - 30.0 * 0.3048).abs() < 1e-9);
+        assert!((joined(feet, metres, None).unwrap() - 30.0 / 0.3048).abs() < 1e-9);
+        assert_eq!(joined(metres, feet, feet).unwrap(), 30.0);
+        assert_eq!(joined(None, None, None).unwrap(), 30.0);
+        let message = joined(metres, None, None).unwrap_err().to_string();
+        assert!(message.contains("a.laz names") && message.contains("b.laz does not"), "{message}");
+    }
+
+    #[test]
+    fn issue_2_the_user_s_crs_makes_up_for_keys_that_are_not_understood() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("keys.las");
+        let keys = [1_u16, 1, 0, 1, 1024, 0, 1, 1].iter().flat_map(|k| k.to_le_bytes()).collect();
+        std::fs::write(&path, las::tests::with_records(&[(34735, keys)])).unwrap();
+        let read = |crs: Option<Crs>| {
+            let mut request = ImportRequest::new(vec![path.clone()], PathBuf::new());
+            request.terrain.crs = crs;
+            let reporter = Reporter::silent();
+            read_clouds(&request, &Limits::default(), &reporter, &reporter.stage("read", 0))
+        };
+        assert!(read(None).unwrap_err().to_string().contains("--crs"));
+        assert_eq!(read(Some(Crs::Epsg(32633))).unwrap().len(), 1);
+    }
 }

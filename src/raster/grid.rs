@@ -3,6 +3,8 @@
 use std::ops::{Index, IndexMut};
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::{Cell, Frame, Mask};
 
 /// Months of a year.
@@ -152,13 +154,12 @@ impl MonthlyGrid {
 
     /// Mean over the year, cell by cell.
     pub fn yearly_mean(&self) -> Grid<f32> {
-        let mut sum = vec![0.0_f32; self.frame.len()];
-        for month in &self.months {
-            for (s, v) in sum.iter_mut().zip(month) {
-                *s += v / MONTHS as f32;
-            }
-        }
-        Grid::new(Arc::clone(&self.frame), Arc::clone(&self.mask), sum)
+        let mean = |index: usize| {
+            let sum: f64 = self.months.iter().map(|month| f64::from(month[index])).sum();
+            (sum / MONTHS as f64) as f32 // a mean of f32 values
+        };
+        let values = (0..self.frame.len()).into_par_iter().map(mean).collect();
+        Grid::new(Arc::clone(&self.frame), Arc::clone(&self.mask), values)
     }
 }
 

@@ -123,27 +123,6 @@ impl Species {
             self.max_age_years / self.height_curve_q * math::ln((1.0 - rise) / (1.0 + rise));
         years.min(self.max_age_years)
     }
-
-    /// Height in metres at an idealized age on Kapp's curve, which starts slowly and ends at `max_height_m`.
-    ///
-    /// # Reference
-    /// Kapp et al. 2020, Eq. 3: h = s(t / max age) · max height.
-    /// # Departures
-    /// s is 3x² − 2x³; printed is −2x³ + 3x³ (PAPER_NOTES §10).
-    #[inline]
-    pub fn smoothstep_height_m(&self, age_years: f32) -> f32 {
-        math::smoothstep(age_years / self.max_age_years) * self.max_height_m
-    }
-
-    /// Idealized age in years on Kapp's curve: the inverse of [`Species::smoothstep_height_m`].
-    ///
-    /// # Reference
-    /// The smoothstep's root in 0..=1 by the cosine rule for cubics: x = ½ − sin(asin(1 − 2y) / 3).
-    #[inline]
-    pub fn smoothstep_age_years(&self, height_m: f32) -> f32 {
-        let rise = (height_m / self.max_height_m).clamp(0.0, 1.0);
-        (0.5 - math::sin(math::asin(1.0 - 2.0 * rise) / 3.0)) * self.max_age_years
-    }
 }
 
 #[cfg(test)]
@@ -214,25 +193,6 @@ mod tests {
                 assert_eq!(species.age_at_height_years(-1.0, shade), 0.0);
             }
         }
-    }
-
-    #[test]
-    fn age_inverts_kapps_curve() {
-        for species in every_species() {
-            for i in 0..=20 {
-                let age = species.max_age_years * i as f32 / 20.0;
-                let back = species.smoothstep_age_years(species.smoothstep_height_m(age));
-                assert!((back - age).abs() < 2e-3 * species.max_age_years, "{}", species.key);
-            }
-        }
-    }
-
-    #[test]
-    fn half_height_on_kapps_curve_is_half_age() {
-        let sonoma = Biome::builtin("sonoma").unwrap();
-        let redwood = sonoma.species_by_key("redwood").unwrap();
-        // the printed −2x³ + 3x³ would reach an eighth
-        assert!((redwood.smoothstep_height_m(400.0) - 55.0).abs() < 1e-3);
     }
 
     #[test]

@@ -65,8 +65,7 @@ impl Default for ImportParams {
             fill_holes_up_to_m2: voids::HOLE_MAX_AREA_M2,
             resampling: Resampling::Auto,
             remove_spikes: true,
-            // chosen: 20,000² cells, 1.6 GB of heights
-            max_cells: 400_000_000,
+            max_cells: crate::io::Limits::default().max_cells,
         }
     }
 }
@@ -143,12 +142,6 @@ pub enum ImportError {
     /// A point cloud gives no surfaces.
     #[error("{path}: {source}", path = path.display())]
     Cloud { path: PathBuf, source: point_cloud::Error },
-    /// A point cloud in degrees.
-    #[error(
-        "{path}: the cloud's coordinates are degrees; reproject it to a metric CRS first (pdal translate in.laz out.laz reprojection --filters.reprojection.out_srs=EPSG:n)",
-        path = path.display()
-    )]
-    CloudInDegrees { path: PathBuf },
     /// The run was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),

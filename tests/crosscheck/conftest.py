@@ -9,8 +9,10 @@ import pytest
 import rasterio
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-WILDWOOD = ROOT / "target" / "release" / "wildwood"
+TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+WILDWOOD = TARGET / "release" / "wildwood"
 DATA = pathlib.Path(os.environ.get("WILDWOOD_DATA", ROOT.parent / "shared" / "data"))
+NODATA = -9999.0
 
 
 def run_import(inputs, folder, *options):
@@ -25,19 +27,15 @@ def real(path):
     """A real file, or the test is skipped aloud."""
     full = DATA / path
     if not full.exists():
-        pytest.skip(f"{path}: the shared data is missing")
+        pytest.skip(f"../shared/data is missing: {path}")
     return full
 
 
 def hills(rows=96, cols=120, cell=2.0, amplitude=40.0):
-    """A smooth landscape whose every cell differs from its neighbours."""
+    """A smooth landscape whose every cell differs from its neighbours, float32."""
     y, x = np.mgrid[0:rows, 0:cols] * cell
-    return (
-        400.0
-        + amplitude * np.sin(x / 47.0) * np.cos(y / 39.0)
-        + 0.11 * x
-        - 0.07 * y
-    )
+    waves = amplitude * np.sin(x / 47.0) * np.cos(y / 39.0)
+    return (400.0 + waves + 0.11 * x - 0.07 * y).astype("float32")
 
 
 def write_tiff(path, values, cell=2.0, crs="EPSG:32611", west=500000.0, north=4100000.0, **options):
@@ -53,5 +51,14 @@ def write_tiff(path, values, cell=2.0, crs="EPSG:32611", west=500000.0, north=41
 
 
 def read(path, band=1):
+    """A band in which masked cells are masked; the mask is an array always."""
     with rasterio.open(path) as source:
-        return source.read(band, masked=True)
+        values = source.read(band, masked=True)
+    return np.ma.array(values.data, mask=np.ma.getmaskarray(values))
+
+
+def assert_equal(got, expected):
+    """Same cells masked, same bits in the others."""
+    assert got.shape == expected.shape
+    assert np.array_equal(np.ma.getmaskarray(got), np.ma.getmaskarray(expected))
+    assert np.array_equal(got.compressed(), np.ma.compressed(expected))

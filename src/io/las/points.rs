@@ -67,12 +67,12 @@ impl Filter {
             } else {
                 (record[15] & 0b1_1111, record[15] & 0b1000_0000 != 0)
             };
-            if withheld || NOISE.contains(&class) {
-                columns.dropped += 1;
-                continue;
-            }
             let (x, y) = (step(0), step(4));
             if x < self.x.0 || x > self.x.1 || y < self.y.0 || y > self.y.1 {
+                continue;
+            }
+            if withheld || NOISE.contains(&class) {
+                columns.dropped += 1;
                 continue;
             }
             columns.x.push(x);
@@ -108,7 +108,7 @@ pub(super) fn parse<R: Read + Seek>(
 
 fn too_many(points: u64, limits: &Limits) -> ParseError {
     ParseError::new(
-        format!("{points} points are more than the limit of {}", limits.max_points),
+        format!("{points} points are more than the {} that may be read", limits.max_points),
         "give --bbox, or tile the cloud (`pdal tile`)",
     )
 }

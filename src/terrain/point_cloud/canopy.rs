@@ -41,7 +41,7 @@ const PIT_NEIGHBOURS: usize = 6;
 /// Rounds of filling: the second closes pits of two cells.
 const PIT_ROUNDS: usize = 2;
 
-/// DSM and CHM over a DEM.
+/// DSM and CHM over a DEM; birds are taken from the returns, so neither has them.
 pub(super) fn surfaces(
     cloud: &PointCloud,
     dem: &Grid<f32>,
@@ -49,18 +49,19 @@ pub(super) fn surfaces(
     reporter: &Reporter,
 ) -> (Grid<f32>, Grid<f32>) {
     let stage = reporter.stage("canopy surface", cloud.len() as u64);
-    let returns = Returns::of(cloud, dem, max_canopy_height_m);
+    let mut returns = Returns::of(cloud, dem, max_canopy_height_m);
     stage.advance(cloud.len() as u64);
     returns.report(max_canopy_height_m, reporter);
 
     let frame = dem.frame();
     let (cols, cell_m) = (frame.cols, frame.transform.cell_m);
-    let (mut height, below) = returns.heights(dem);
-    let spikes = remove_spikes(&mut height, &below, cols, cell_m);
+    let spikes = returns.remove_spikes(cols, cell_m);
     if spikes > 0 {
         reporter.warn(Warning::SpikesRemoved { cells: spikes });
     }
-    let mut highest = returns.highest;
+    let mut height = returns.canopy_heights(dem);
+    let mut highest = returns.highest();
+    drop(returns);
     for _ in 0..(FILL_REACH_M / cell_m).ceil() as usize {
         fill_empty(&mut highest, dem.mask(), cols);
         fill_empty(&mut height, dem.mask(), cols);
@@ -75,24 +76,24 @@ pub(super) fn surfaces(
 
 /// The highest returns of each cell, m above sea level.
 struct Returns {
-    /// Of any class.
-    highest: Vec<Option<f32>>,
-    /// Of classes that may be plants: the highest, and the one below it.
+    /// Of classes that may be plants, or the ground: the highest, and the one below it.
     plants: Vec<[Option<f32>; 2]>,
-    /// Left out as too high.
+    /// Of buildings, wires and bridges.
+    built: Vec<Option<f32>>,
+    /// Number left out as too high.
     too_high: u64,
-    /// Of classes that are no plants.
-    built: u64,
+    /// Number from buildings, wires and bridges.
+    built_returns: u64,
 }
 
 impl Returns {
     fn of(cloud: &PointCloud, dem: &Grid<f32>, max_height_m: f32) -> Self {
         let cells = dem.frame().len();
         let mut found = Self {
-            highest: vec![None; cells],
             plants: vec![[None; 2]; cells],
+            built: vec![None; cells],
             too_high: 0,
-            built: 0,
+            built_returns: 0,
         };
         for index in 0..cloud.len() {
             let [x, y, z] = cloud.position(index);
@@ -103,9 +104,9 @@ impl Returns {
                 continue;
             }
             let z = Some(z); // None is less than any
-            found.highest[cell] = if z > found.highest[cell] { z } else { found.highest[cell] };
             if BUILT.contains(&cloud.class(index)) {
-                found.built += 1;
+                found.built_returns += 1;
+                found.built[cell] = higher(found.built[cell], z);
                 continue;
             }
             let [first, second] = found.plants[cell];
@@ -120,37 +121,60 @@ impl Returns {
 
     fn report(&self, max_height_m: f32, reporter: &Reporter) {
         if self.too_high > 0 {
-            let text = format!(
-                "left out {} returns more than {max_height_m} m above ground",
-                self.too_high
-            );
-            reporter.warn(Warning::Other { text });
+            reporter.warn(Warning::ReturnsTooHigh { returns: self.too_high, max_height_m });
         }
-        if self.built > 0 {
-            let text = format!(
-                "{} returns from buildings, wires and bridges do not count as canopy",
-                self.built
-            );
-            reporter.warn(Warning::Other { text });
+        if self.built_returns > 0 {
+            reporter.warn(Warning::BuiltReturns { returns: self.built_returns });
         }
     }
 
-    /// Heights above ground, m: the canopy's, and of the return below it.
-    fn heights(&self, dem: &Grid<f32>) -> (Vec<Option<f32>>, Vec<Option<f32>>) {
-        let above_ground = |cell: usize, z: Option<f32>| {
-            let ground = dem.mask().is_valid(cell).then(|| dem.values()[cell])?;
-            z.map(|z| (z - ground).max(0.0))
-        };
-        let cells = 0..self.highest.len();
-        let top = |cell: usize| match (self.plants[cell][0], self.highest[cell]) {
-            (None, Some(_)) => dem.mask().is_valid(cell).then_some(0.0), // a roof
-            (plant, _) => above_ground(cell, plant),
-        };
-        (
-            cells.clone().map(top).collect(),
-            cells.map(|cell| above_ground(cell, self.plants[cell][1])).collect(),
-        )
+    /// Elevation of the highest return of any class.
+    fn highest(&self) -> Vec<Option<f32>> {
+        self.plants.iter().zip(&self.built).map(|(plants, b)| higher(plants[0], *b)).collect()
     }
+
+    /// Takes away returns that stand alone: far above the cell's next and above all around. What is
+    /// below a bird is taken for the canopy; without it, the neighbours' median. Counts the cells.
+    fn remove_spikes(&mut self, cols: usize, cell_m: f64) -> usize {
+        let spike_m = SPIKE_M_PER_M * cell_m.max(1.0) as f32;
+        let old = self.highest();
+        let built = &self.built;
+        self.plants
+            .par_iter_mut()
+            .enumerate()
+            .map(|(cell, plants)| {
+                let [Some(top), next] = *plants else { return 0 };
+                let below = higher(next, built[cell]);
+                if below.is_some_and(|b| top <= b + spike_m) {
+                    return 0;
+                }
+                let around = Neighbours::of(&old, cols, cell);
+                let alone = around.known().iter().all(|h| top > h + spike_m);
+                if !alone || around.count < FILL_NEIGHBOURS {
+                    return 0;
+                }
+                *plants = [next.or(if below.is_none() { around.median() } else { None }), None];
+                1
+            })
+            .sum()
+    }
+
+    /// Height of the highest plant above ground, m; 0 where there are only roofs and wires.
+    fn canopy_heights(&self, dem: &Grid<f32>) -> Vec<Option<f32>> {
+        let height = |cell: usize| {
+            let ground = dem.mask().is_valid(cell).then(|| dem.values()[cell])?;
+            match (self.plants[cell][0], self.built[cell]) {
+                (Some(z), _) => Some((z - ground).max(0.0)),
+                (None, roof) => roof.map(|_| 0.0),
+            }
+        };
+        (0..self.plants.len()).into_par_iter().map(height).collect()
+    }
+}
+
+/// The higher of two heights; none is lower than any.
+fn higher(a: Option<f32>, b: Option<f32>) -> Option<f32> {
+    if b > a { b } else { a }
 }
 
 /// A grid on the DEM's frame, masked where there is no value.
@@ -215,30 +239,6 @@ fn change(
         .sum()
 }
 
-/// Lowers cells whose highest return stands alone: far above the cell's next (`below`) and above all
-/// around. What is below a bird is taken for the canopy; without it, the neighbours' median.
-fn remove_spikes(
-    values: &mut [Option<f32>],
-    below: &[Option<f32>],
-    cols: usize,
-    cell_m: f64,
-) -> usize {
-    let spike_m = SPIKE_M_PER_M * cell_m.max(1.0) as f32;
-    change(values, cols, |cell, old| {
-        let height = old[cell]?;
-        if height <= spike_m || below[cell].is_some_and(|b| height <= b + spike_m) {
-            return Some(height);
-        }
-        let around = Neighbours::of(old, cols, cell);
-        let alone = around.known().iter().all(|h| height > h + spike_m);
-        if alone && around.count >= FILL_NEIGHBOURS {
-            below[cell].or(around.median())
-        } else {
-            Some(height)
-        }
-    })
-}
-
 /// Gives empty cells over known ground the median of their neighbours.
 fn fill_empty(values: &mut [Option<f32>], ground: &Mask, cols: usize) -> usize {
     change(values, cols, |cell, old| {
@@ -272,6 +272,15 @@ mod tests {
         class: impl Fn(usize, usize) -> u8,
         extra: &[([f64; 3], u8)],
     ) -> (Grid<f32>, Vec<Warning>) {
+        let (_, chm, warnings) = both_of(height, class, extra);
+        (chm, warnings)
+    }
+
+    fn both_of(
+        height: impl Fn(usize, usize) -> f64,
+        class: impl Fn(usize, usize) -> u8,
+        extra: &[([f64; 3], u8)],
+    ) -> (Grid<f32>, Grid<f32>, Vec<Warning>) {
         let dem = Grid::from_fn(20, 20, 1.0, |_| 100.0);
         let mut cloud = PointCloud::new([Quantization { scale: 0.01, offset: 0.0 }; 3], None, None);
         for index in 0..400 {
@@ -286,8 +295,8 @@ mod tests {
             cloud.push(*position, *class);
         }
         let reporter = Reporter::silent();
-        let (_, chm) = surfaces(&cloud, &dem, 120.0, &reporter);
-        (chm, reporter.warnings())
+        let (dsm, chm) = surfaces(&cloud, &dem, 120.0, &reporter);
+        (dsm, chm, reporter.warnings())
     }
 
     fn cone(row: usize, col: usize) -> f64 {
@@ -324,7 +333,25 @@ mod tests {
         // above the tallest tree: not even seen
         let (chm, warnings) = chm_of(|_, _| 2.0, |_, _| 3, &[([10.5, 9.5, 300.0], 1)]);
         assert_eq!(chm[TOP], 2.0);
-        assert!(matches!(&warnings[..], [Warning::Other { text }] if text.contains("120 m")));
+        assert_eq!(warnings, [Warning::ReturnsTooHigh { returns: 1, max_height_m: 120.0 }]);
+    }
+
+    #[test]
+    fn issue_2_birds_are_gone_from_the_surface_as_well() {
+        let bird = [([10.5, 9.5, 125.0], 1)];
+        let (dsm, chm, _) = both_of(|_, _| 2.0, |_, _| 3, &bird);
+        assert_eq!((dsm[TOP], dsm.range(), chm[TOP]), (102.0, Some((102.0, 102.0)), 2.0));
+        // alone in its cell
+        let hole = |r: usize, c: usize| if (r, c) == (10, 10) { f64::NAN } else { 2.0 };
+        let (dsm, chm, _) = both_of(hole, |_, _| 3, &bird);
+        assert_eq!((dsm[TOP], chm[TOP]), (102.0, 2.0));
+        // over a roof: the roof stays, and is no canopy
+        let (dsm, chm, _) = both_of(|_, _| 8.0, |_, _| 6, &bird);
+        assert_eq!((dsm[TOP], chm[TOP]), (108.0, 0.0));
+        // a wire is no bird
+        let wire = [([10.5, 9.5, 125.0], 14)];
+        let (dsm, chm, _) = both_of(|_, _| 2.0, |_, _| 3, &wire);
+        assert_eq!((dsm[TOP], chm[TOP]), (125.0, 2.0));
     }
 
     #[test]
@@ -348,9 +375,7 @@ mod tests {
         let (chm, warnings) = chm_of(height, |r, c| if house(r, c) { 6 } else { 3 }, &wire);
         assert_eq!(chm[Cell { row: 4, col: 4 }], 0.0);
         assert_eq!(chm[Cell { row: 15, col: 15 }], 1.0);
-        assert!(
-            matches!(&warnings[..], [Warning::Other { text }] if text.starts_with("101 returns"))
-        );
+        assert_eq!(warnings, [Warning::BuiltReturns { returns: 101 }]);
     }
 
     #[test]

@@ -8,10 +8,13 @@ use crate::io::las::PointCloud;
 use crate::progress::{Reporter, Warning};
 use crate::raster::Frame;
 
-/// Classes that lie on the ground: ground, model key-points, water (LAS 1.4 R15, tables 9 and 17).
-const GROUND: [u8; 3] = [2, 8, 9];
+/// Classes of the ground: ground, model key-points (LAS 1.4 R15, tables 9 and 17).
+const GROUND: [u8; 2] = [2, 8];
+/// Class of water surfaces. They carry the ground to the shore, and over brooks; wider water is masked.
+pub(super) const WATER: u8 = 9;
 
 /// Blocks in which ground points are judged are at least this wide, m. chosen: a few crowns across.
+/// In sparse clouds the width doubles until they hold enough.
 const BLOCK_M: f64 = 5.0;
 /// Ground points a block holds on average at least. chosen: a median of four outvotes one bad point.
 const POINTS_PER_BLOCK: f64 = 4.0;
@@ -29,6 +32,10 @@ const SIGMA_PER_MAD: f64 = 1.4826;
 const MAX_COMPANIONS: usize = 3;
 /// Rounds of removal: what hid behind a worse point is found in the next.
 const ROUNDS: usize = 3;
+
+/// How far points bear on which others are kept, m: each round looks two blocks about. Blocks of twice
+/// the least width are reckoned with.
+pub(super) const REACH_M: f64 = 2.0 * 2.0 * BLOCK_M * ROUNDS as f64;
 
 /// A ground point, in metres east and south of the frame's north-west corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,10 +55,10 @@ pub(super) fn points(
     reporter: &Reporter,
 ) -> Result<Vec<GroundPoint>, Error> {
     let stage = reporter.stage("ground points", cloud.len() as u64);
-    let (starts, members) = by_cell(cloud, frame);
-    if members.is_empty() {
+    if !(0..cloud.len()).any(|index| GROUND.contains(&cloud.class(index))) {
         return Err(Error::NoGround { points: cloud.len() });
     }
+    let (starts, members) = by_cell(cloud, frame);
     let mut points: Vec<GroundPoint> = (0..frame.len())
         .into_par_iter()
         .filter_map(|cell| {
@@ -77,9 +84,7 @@ pub(super) fn points(
     stage.advance(cloud.len() as u64);
     let removed = before - points.len();
     if removed > 0 {
-        let text =
-            format!("left out {removed} ground points far above or below their surroundings");
-        reporter.warn(Warning::Other { text });
+        reporter.warn(Warning::GroundOutliers { points: removed });
     }
     Ok(points)
 }
@@ -87,7 +92,10 @@ pub(super) fn points(
 /// Ground points sorted by cell: where each cell's begin, and the points' indices.
 fn by_cell(cloud: &PointCloud, frame: &Frame) -> (Vec<u32>, Vec<u32>) {
     assert!(cloud.len() < u32::MAX as usize, "points are counted in 32 bits");
-    let is_ground = |index: &usize| GROUND.contains(&cloud.class(*index));
+    let is_ground = |index: &usize| {
+        let class = cloud.class(*index);
+        class == WATER || GROUND.contains(&class)
+    };
     let cell_of = |index: usize| {
         let [x, y, _] = cloud.position(index);
         cell_index(frame, x, y)
@@ -196,13 +204,20 @@ impl Plane {
 /// Each block's points are measured against the plane through the medians of the eight blocks around
 /// it; how rough the nine blocks are about that plane sets the tolerance, so cliffs make it wide.
 fn outliers(points: &[GroundPoint], frame: &Frame) -> Vec<usize> {
-    let area_m2 = frame.len() as f64 * frame.transform.cell_m * frame.transform.cell_m;
-    let block_m = BLOCK_M.max((POINTS_PER_BLOCK * area_m2 / points.len().max(1) as f64).sqrt());
-    let extent = |cells: usize| cells as f64 * frame.transform.cell_m;
-    let cols = (extent(frame.cols) / block_m) as usize + 1;
-    let rows = (extent(frame.rows) / block_m) as usize + 1;
+    let t = &frame.transform;
+    let area_m2 = frame.len() as f64 * t.cell_m * t.cell_m;
+    let least_m = (POINTS_PER_BLOCK * area_m2 / points.len().max(1) as f64).sqrt();
+    // doubled widths and lines at their multiples: a part of the cloud has the blocks of the whole
+    let mut block_m = BLOCK_M;
+    while block_m < least_m {
+        block_m *= 2.0;
+    }
+    let (east_m, south_m) = (t.west_m.rem_euclid(block_m), (-t.north_m).rem_euclid(block_m));
+    let blocks = |cells: usize| (cells as f64 * t.cell_m / block_m) as usize + 2;
+    let (rows, cols) = (blocks(frame.rows), blocks(frame.cols));
     let block_of = |p: &GroundPoint| {
-        let (col, row) = ((p.east_m / block_m) as usize, (p.south_m / block_m) as usize);
+        let col = ((p.east_m + east_m) / block_m) as usize;
+        let row = ((p.south_m + south_m) / block_m) as usize;
         row.min(rows - 1) * cols + col.min(cols - 1)
     };
     let pairs: Vec<(u32, u32)> =
@@ -308,6 +323,13 @@ mod tests {
         let kept = points(&cloud, &frame, &Reporter::silent()).unwrap();
         let seen: Vec<_> = kept.iter().map(|p| (p.east_m, p.south_m, p.z_m)).collect();
         assert_eq!(seen, [(0.1, 0.5, 9.0), (1.6, 0.5, 2.0)]);
+    }
+
+    #[test]
+    fn issue_2_water_alone_is_no_ground() {
+        let cloud = cloud(&[([0.5, 0.5, 1.0], 9), ([0.6, 0.5, 1.0], 5)]);
+        let error = points(&cloud, &Frame::local(1, 1, 1.0), &Reporter::silent()).unwrap_err();
+        assert_eq!(error, Error::NoGround { points: 2 });
     }
 
     #[test]

@@ -13,6 +13,9 @@ const POINTS_PER_CELL: f64 = 2.0;
 const BLOCK_M: f64 = 10.0;
 /// Most such blocks; on larger extents they are widened.
 const MAX_BLOCKS: f64 = 4e6;
+/// Most that a cloud's extent may be of the land its points cover. chosen: a strip along a river's
+/// winding course still passes.
+const EMPTINESS_FACTOR: f64 = 100.0;
 
 /// The frame of the cloud's grids.
 pub(super) fn frame(
@@ -42,8 +45,28 @@ pub(super) fn frame(
     Ok(Frame { rows, cols, transform: GeoTransform { west_m, north_m, cell_m }, crs })
 }
 
-/// Points per m² of the land that has any.
-pub(super) fn density_per_m2(cloud: &PointCloud, bounds: &Bounds) -> f64 {
+/// Refuses a cloud with nothing but emptiness between its points, such as one with a stray point.
+pub(super) fn check_extent(
+    cloud: &PointCloud,
+    bounds: &Bounds,
+    covered_m2: f64,
+) -> Result<(), Error> {
+    let ([west, south, _], [east, north, _]) = (bounds.min, bounds.max);
+    let (width_m, height_m) = (east - west, north - south);
+    let [middle_x, middle_y] = match cloud.middle() {
+        Some(middle) if width_m * height_m > EMPTINESS_FACTOR * covered_m2 => middle,
+        _ => return Ok(()),
+    };
+    let distance_m = |index: usize| {
+        let [x, y, _] = cloud.position(index);
+        ((x - middle_x) * (x - middle_x) + (y - middle_y) * (y - middle_y)).sqrt()
+    };
+    let distance_km = (0..cloud.len()).map(distance_m).fold(0.0, f64::max) / 1000.0;
+    Err(Error::FarPoints { width_m, height_m, covered_m2, distance_km })
+}
+
+/// Land that has points, m².
+pub(super) fn covered_m2(cloud: &PointCloud, bounds: &Bounds) -> f64 {
     let (min, max) = (bounds.min, bounds.max);
     let (width, height) = (max[0] - min[0], max[1] - min[1]);
     let block_m = BLOCK_M.max((width * height / MAX_BLOCKS).sqrt());
@@ -57,8 +80,7 @@ pub(super) fn density_per_m2(cloud: &PointCloud, bounds: &Bounds) -> f64 {
     }
     let blocks = covered.iter().filter(|c| **c).count();
     // a cloud smaller than a block covers its own extent
-    let area_m2 = (blocks as f64 * block_m * block_m).min((width * height).max(1.0));
-    cloud.len() as f64 / area_m2
+    (blocks as f64 * block_m * block_m).min((width * height).max(1.0))
 }
 
 /// The smallest cell width that holds enough points, m.
@@ -93,7 +115,8 @@ mod tests {
         let cloud = cloud(points);
         let bounds = cloud.bounds().unwrap();
         let params = Params { cell_m, ..Params::default() };
-        frame(&bounds, density_per_m2(&cloud, &bounds), Crs::Local, &params)
+        let density_per_m2 = cloud.len() as f64 / covered_m2(&cloud, &bounds);
+        frame(&bounds, density_per_m2, Crs::Local, &params)
     }
 
     #[test]
@@ -117,6 +140,31 @@ mod tests {
         let points: Vec<_> = patch(0.0).chain(patch(5000.0)).collect();
         let frame = frame_of(&points, None).unwrap();
         assert_eq!(frame.transform.cell_m, 1.0);
+    }
+
+    #[test]
+    fn issue_2_a_stray_point_is_refused_and_its_distance_told() {
+        let mut points: Vec<[f64; 3]> =
+            (0..400).map(|i| [f64::from(i % 20), f64::from(i / 20), 0.0]).collect();
+        let check = |points: &[[f64; 3]]| {
+            let cloud = cloud(points);
+            let bounds = cloud.bounds().unwrap();
+            check_extent(&cloud, &bounds, covered_m2(&cloud, &bounds))
+        };
+        assert_eq!(check(&points), Ok(()));
+        points.push([190_000.0, 30.0, 0.0]);
+        let Err(Error::FarPoints { distance_km, .. }) = check(&points) else {
+            panic!("not refused")
+        };
+        assert!((distance_km - 190.0).abs() < 0.05, "{distance_km}");
+        // a winding strip, 60 m wide in 6 km, is none
+        let strip: Vec<_> = (0..60_000)
+            .map(|i| {
+                let along = f64::from(i / 10);
+                [along, along + 6.0 * f64::from(i % 10), 0.0]
+            })
+            .collect();
+        assert_eq!(check(&strip), Ok(()));
     }
 
     #[test]

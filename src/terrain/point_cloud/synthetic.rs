@@ -15,14 +15,14 @@ const SPACING_M: f64 = 1.0;
 /// Trees stand in squares of this width, one in each at most, m.
 const TREE_SQUARE_M: f64 = 5.0;
 /// Squares that hold a tree.
-const TREE_SHARE: f32 = 0.75;
+const TREE_FRACTION: f32 = 0.75;
 /// Pulses under a crown that reach the ground, and pulses beside crowns that do.
-const GROUND_SHARE: [f32; 2] = [0.2, 0.75];
+const GROUND_FRACTION: [f32; 2] = [0.2, 0.75];
 /// Measuring error, m, largest.
 const NOISE_M: f32 = 0.05;
 
 /// Made-up ground at a map position, m: hills of 1 km, 180 m and 25 m.
-pub fn ground_m(place: MapPoint) -> f64 {
+pub fn ground_elevation_m(place: MapPoint) -> f64 {
     let wave = |length_m: f64, height_m: f64, turn: f64| {
         let along = place.east_m * math::cos_f64(turn) + place.north_m * math::sin_f64(turn);
         height_m * math::sin_f64(along * std::f64::consts::TAU / length_m)
@@ -40,10 +40,11 @@ struct Tree {
 
 /// The tree of a square, if it has one. Squares are counted from the corner.
 fn tree(seed: u64, col: i64, row: i64) -> Option<Tree> {
-    let [there, east, north, size] = rng::uniforms(key(seed, 1, rng::entity_of_cell(col, row)));
+    let key = key(seed, Process::SyntheticTree, rng::entity_of_cell(col, row));
+    let [there, east, north, size] = rng::uniforms(key);
     let at =
         |square: i64, share: f32| (square as f64 + 0.2 + 0.6 * f64::from(share)) * TREE_SQUARE_M;
-    (there < TREE_SHARE).then(|| Tree {
+    (there < TREE_FRACTION).then(|| Tree {
         foot: MapPoint {
             east_m: CORNER.east_m + at(col, east),
             north_m: CORNER.north_m + at(row, north),
@@ -53,16 +54,15 @@ fn tree(seed: u64, col: i64, row: i64) -> Option<Tree> {
     })
 }
 
-/// Draws of pulses (0) and trees (1) are told apart by the key's year.
-fn key(seed: u64, what: u16, entity: u64) -> Key {
-    Key { seed, process: Process::SyntheticCloud, year: what, month: 0, entity }
+fn key(seed: u64, process: Process, entity: u64) -> Key {
+    Key { seed, process, year: 0, month: 0, entity }
 }
 
 /// Height of the crowns above ground at a map position, m; 0 beside them.
-fn crown_m(seed: u64, place: MapPoint) -> f64 {
+fn crown_height_m(seed: u64, place: MapPoint) -> f64 {
     let square = |m: f64| (m / TREE_SQUARE_M).floor() as i64;
     let (col, row) = (square(place.east_m - CORNER.east_m), square(place.north_m - CORNER.north_m));
-    let mut top = 0.0_f64;
+    let mut top_m = 0.0_f64;
     for tree in
         (row - 1..=row + 1).flat_map(|r| (col - 1..=col + 1).filter_map(move |c| tree(seed, c, r)))
     {
@@ -70,10 +70,10 @@ fn crown_m(seed: u64, place: MapPoint) -> f64 {
         let share = 1.0 - (e * e + n * n).sqrt() / tree.radius_m;
         // the crown is the upper 70 % of the tree
         if share > 0.0 {
-            top = top.max(tree.height_m * (0.3 + 0.7 * share));
+            top_m = top_m.max(tree.height_m * (0.3 + 0.7 * share));
         }
     }
-    top
+    top_m
 }
 
 /// A forest's cloud on a square, in scan order: about 40 % ground (class 2), the rest vegetation (3, 5).
@@ -87,7 +87,8 @@ pub fn forest(seed: u64, side_m: f64, points_per_m2: f64) -> PointCloud {
         for pulse in 0..pulses {
             // every other line runs back, as the scanner's mirror does
             let col = if line % 2 == 0 { pulse } else { pulses - 1 - pulse };
-            let draws = rng::uniforms(key(seed, 0, rng::entity_of_cell(col, line)));
+            let draws =
+                rng::uniforms(key(seed, Process::SyntheticPulse, rng::entity_of_cell(col, line)));
             let at = |corner: f64, index: i64, share: f32| {
                 corner + (index as f64 + f64::from(share)) * step_m
             };
@@ -95,18 +96,18 @@ pub fn forest(seed: u64, side_m: f64, points_per_m2: f64) -> PointCloud {
                 east_m: at(CORNER.east_m, col, draws[0]),
                 north_m: at(CORNER.north_m, line, draws[1]),
             };
-            let crown = crown_m(seed, place);
-            let under = usize::from(crown <= 0.0);
+            let crown_m = crown_height_m(seed, place);
+            let beside = usize::from(crown_m <= 0.0);
             let (hit, depth) = (draws[2], f64::from(draws[3]));
-            let (above_ground_m, class) = if hit < GROUND_SHARE[under] {
+            let (above_ground_m, class) = if hit < GROUND_FRACTION[beside] {
                 (f64::from(NOISE_M * (2.0 * draws[3] - 1.0)), 2)
-            } else if crown > 0.0 {
-                (crown * (1.0 - 0.6 * depth * depth * depth), 5)
+            } else if crown_m > 0.0 {
+                (crown_m * (1.0 - 0.6 * depth * depth * depth), 5)
             } else {
                 (0.4 * depth, 3)
             };
-            let z = ground_m(place) + above_ground_m;
-            cloud.push([place.east_m, place.north_m, z], class);
+            let z_m = ground_elevation_m(place) + above_ground_m;
+            cloud.push([place.east_m, place.north_m, z_m], class);
         }
     }
     cloud
@@ -120,7 +121,7 @@ mod tests {
     fn the_forest_has_the_points_and_shares_it_says() {
         let cloud = forest(7, 100.0, 4.0);
         assert_eq!(cloud.len(), 40_000);
-        let ground = cloud.classes().iter().filter(|c| **c == 2).count() as f64 / 40_000.0;
+        let ground = (0..cloud.len()).filter(|i| cloud.class(*i) == 2).count() as f64 / 40_000.0;
         assert!((0.35..0.55).contains(&ground), "{ground}");
         let bounds = cloud.bounds().unwrap();
         assert!(bounds.max[0] - bounds.min[0] > 99.0 && bounds.min[1] >= CORNER.north_m);

@@ -216,8 +216,8 @@ mod tests {
     ) -> Vec<GroundPoint> {
         (0..frame.len())
             .filter_map(|index| {
-                let (seed, process, entity) = (5, Process::SyntheticCloud, index as u64);
-                let draws = rng::uniforms(Key { seed, process, year: 2, month: 0, entity });
+                let (seed, process, entity) = (5, Process::StrewnPoints, index as u64);
+                let draws = rng::uniforms(Key { seed, process, year: 0, month: 0, entity });
                 let cell = frame.cell(index);
                 let at = |cells: usize, share: f32| {
                     (cells as f64 + f64::from(share)) * frame.transform.cell_m
