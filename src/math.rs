@@ -19,8 +19,6 @@ portable! {
     exp, exp_f64, libm::expf, libm::exp;
     /// Natural logarithm.
     ln, ln_f64, libm::logf, libm::log;
-    /// Logarithm to base ten.
-    log10, log10_f64, libm::log10f, libm::log10;
     /// Sine of an angle in radians.
     sin, sin_f64, libm::sinf, libm::sin;
     /// Cosine of an angle in radians.

@@ -68,7 +68,13 @@ pub fn read(
     match format(&start, path) {
         Format::GeoTiff => {
             let source = SharedFile::open(path).map_err(failed)?;
-            geotiff::parse(&source, window, limits).map_err(|e| e.at(path))
+            match geotiff::parse(&source, window, limits) {
+                #[cfg(feature = "gdal")]
+                Err(e) if e.kind == super::ParseErrorKind::Unsupported => {
+                    other(path, window, limits)
+                }
+                read => read.map_err(|e| e.at(path)),
+            }
         }
         Format::AsciiGrid => {
             let mut raster = ascii_grid::parse(&text()?, window, limits).map_err(|e| e.at(path))?;
