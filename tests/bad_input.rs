@@ -230,7 +230,6 @@ fn raster_cases() -> Vec<Case> {
         ),
         case("all NaN", "nan.tif", filled(f32::NAN), &["nodata"]),
         case("all infinite", "inf.tif", filled(f32::INFINITY), &["nodata"]),
-        case("nodata undeclared", "void.tif", holes("-9999"), &["-32768", "undeclared"]),
         case("nodata is a word", "word.tif", holes("none"), &["nodata"]),
         case("nodata is two numbers", "two.tif", holes("-32768 -9999"), &["nodata"]),
         case("centimetres", "cm.tif", filled(45_000.0), &["45000", "--vertical-unit"]),
