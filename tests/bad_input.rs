@@ -279,7 +279,7 @@ fn cloud_cases() -> Vec<Case> {
         case("only noise", "noise.las", las(&noise), &["noise", "another cloud"]),
         case("no ground", "canopy.las", whole.as_slice(), &["ground", "pdal"]),
         case("named as a raster", "canopy.tif", whole.as_slice(), &["ground", "pdal"]),
-        case("two points", "lone.las", las(&lone), &["too far apart", "DEM"]),
+        case("two points", "lone.las", las(&lone), &["from the others", "--bbox"]),
         case("a raster named .laz", "raster.laz", good().bytes(), &["no LAS or LAZ"]),
     ]
 }
@@ -296,8 +296,12 @@ fn option_cases() -> Vec<Case> {
         with("--crs is prose", &["--crs", "the usual"], &["the usual", "EPSG:n"]),
         with("wrong --crs", &["--crs", "EPSG:4326"], &["a.tif", "EPSG:4326", "CRS right"]),
         with("unknown --biome", &["--biome", "mars"], &["mars", "sonoma"]),
-        with("--bbox elsewhere", &["--bbox", "9000,9000,9100,9100"], &["a.tif", "9000", "window"]),
-        with("--bbox back to front", &["--bbox", "1010,1990,1000,2000"], &["window", "WEST"]),
+        with(
+            "--bbox elsewhere",
+            &["--bbox", "9000,9000,9100,9100"],
+            &["a.tif", "window", "1000,1984,1016,2000"],
+        ),
+        with("--bbox back to front", &["--bbox", "1010,1990,1000,2000"], &["window", "west < east"]),
         with("three for --bbox", &["--bbox", "1,2,3"], &["--bbox", "four"]),
         with("NaN in --bbox", &["--bbox", "NaN,1,2,3"], &["window", "WEST"]),
         with("NaN --latitude", &["--latitude", "NaN"], &["latitude NaN", "give degrees"]),

@@ -129,13 +129,13 @@ fn touched(
         let far = shifted(a, rows as f64, cols as f64);
         return Err(ParseError::new(
             format!(
-                "the window {west},{south},{east},{north} misses the raster, which covers {},{},{},{}",
+                "the window misses the raster, which covers {},{},{},{}",
                 a.origin_x.min(far.origin_x),
                 a.origin_y.min(far.origin_y),
                 a.origin_x.max(far.origin_x),
                 a.origin_y.max(far.origin_y)
             ),
-            "give the window in the file's CRS",
+            "give --bbox WEST,SOUTH,EAST,NORTH in the file's CRS",
         )
         .of_kind(ParseErrorKind::Nothing));
     }
