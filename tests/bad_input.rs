@@ -230,6 +230,7 @@ fn raster_cases() -> Vec<Case> {
         ),
         case("all NaN", "nan.tif", filled(f32::NAN), &["nodata"]),
         case("all infinite", "inf.tif", filled(f32::INFINITY), &["nodata"]),
+        case("a mark of no kind", "void.tif", filled(-22_222.0), &["-22222", "undeclared"]),
         case("nodata is a word", "word.tif", holes("none"), &["nodata"]),
         case("nodata is two numbers", "two.tif", holes("-32768 -9999"), &["nodata"]),
         case("centimetres", "cm.tif", filled(45_000.0), &["45000", "--vertical-unit"]),
@@ -343,7 +344,9 @@ fn odd_input_is_no_bad_input() {
         ("NaN undeclared", spotted(f32::NAN)),
         ("lowest float declared", spotted(f32::MIN).nodata("-3.4028234663852886e+38")),
         ("with spaces", spotted(-9999.0).nodata(" -9999 ")),
-        ("one stray height", spotted(-32_768.0).nodata("")),
+        ("another mark than declared", spotted(-32_768.0).nodata("-9999")),
+        ("nothing declared", spotted(-9999.0)),
+        ("one stray height", spotted(-22_222.0)),
     ];
     for (name, tiff) in rasters {
         let home = tempfile::tempdir().unwrap();

@@ -32,7 +32,6 @@ impl Image {
 pub(super) struct Head<'a> {
     pub(super) frame: &'a Frame,
     pub(super) bands: &'a [Band],
-    pub(super) items: &'a [(String, String)],
     pub(super) big: bool,
     /// The full image first, then overviews from the largest.
     pub(super) images: Vec<Image>,
@@ -178,12 +177,9 @@ impl Head<'_> {
         bytes.extend(values);
     }
 
-    /// GDAL's metadata: items of the file, names and units of the bands.
+    /// GDAL's metadata: names and units of the bands.
     fn metadata(&self) -> String {
         let mut xml = String::from("<GDALMetadata>\n");
-        for (name, value) in self.items {
-            xml += &format!("  <Item name=\"{}\">{}</Item>\n", escaped(name), escaped(value));
-        }
         for (index, band) in self.bands.iter().enumerate() {
             for (name, role, text) in
                 [("DESCRIPTION", "description", &band.name), ("UNITTYPE", "unittype", &band.unit)]

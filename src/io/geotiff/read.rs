@@ -414,6 +414,16 @@ mod tests {
 
     /// A file of our own writer; two bands, so that a wrong band is seen.
     fn written(rows: usize, cols: usize, values: &[f32], valid: &[bool]) -> Vec<u8> {
+        written_with(&CogOptions::default(), rows, cols, values, valid)
+    }
+
+    fn written_with(
+        options: &CogOptions,
+        rows: usize,
+        cols: usize,
+        values: &[f32],
+        valid: &[bool],
+    ) -> Vec<u8> {
         let frame = Frame { crs: Crs::Epsg(3794), ..Frame::local(rows, cols, 2.0) };
         let other = vec![-1.0; values.len()];
         let source = StoredBands::new(&frame, vec![values, &other]);
@@ -425,7 +435,7 @@ mod tests {
             source: &source,
         };
         let mut out = Cursor::new(Vec::new());
-        write_cog(&mut out, &raster, &CogOptions::default()).unwrap();
+        write_cog(&mut out, &raster, options).unwrap();
         out.into_inner()
     }
 
@@ -596,6 +606,20 @@ mod tests {
     fn missing_strips_are_nodata() {
         let made = Made::new(2, 2, &[0.0; 4]).with(273, 0).with(279, 0);
         assert!(made.read().unwrap_err().what.contains("no valid cell"));
+    }
+
+    #[test]
+    fn wide_offsets_hold_the_same() {
+        let values: Vec<f32> = (0..600 * 530).map(|i| (i % 977) as f32 * 0.37).collect();
+        let valid: Vec<bool> = (0..values.len()).map(|i| i % 11 != 0).collect();
+        let options = CogOptions { always_big: true, ..CogOptions::default() };
+        let big = written_with(&options, 600, 530, &values, &valid);
+        assert_eq!(big[2], 43);
+        let (big, small) = (big, written(600, 530, &values, &valid));
+        let [big, small] =
+            [big, small].map(|bytes| parse(&bytes[..], None, &Limits::default()).unwrap());
+        assert!(big.values == small.values && big.valid == small.valid);
+        assert_eq!((big.affine, big.crs), (small.affine, small.crs));
     }
 
     #[test]

@@ -92,9 +92,7 @@ pub struct CogBands<'a> {
 pub struct CogOptions {
     /// Effort of the packing, 1–9.
     pub deflate_level: u32,
-    /// Further facts for the file as a whole, by name.
-    pub items: Vec<(String, String)>,
-    /// Whether to use offsets of 64 bits even where 32 do.
+    /// Whether to use offsets of 64 bits even where 32 do; files of over 4 GiB do so anyway.
     pub always_big: bool,
 }
 
@@ -102,7 +100,7 @@ impl Default for CogOptions {
     fn default() -> Self {
         // chosen: twelve months of 1000² cells took 0.41 s and 26 MB at level 1, 0.68 s and 20 MB at 2,
         // 1.5 s and 19 MB at 6
-        Self { deflate_level: 1, items: Vec::new(), always_big: false }
+        Self { deflate_level: 1, always_big: false }
     }
 }
 
@@ -172,7 +170,6 @@ pub fn write_cog<W: Write + Seek>(
     let mut head = Head {
         frame,
         bands,
-        items: &options.items,
         big: options.always_big || most_bytes + most_bytes / 1000 > CLASSIC_MAX_BYTES,
         images: grids.iter().map(|g| Image::unwritten(g.clone(), bands.len())).collect(),
     };
