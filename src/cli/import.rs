@@ -25,7 +25,7 @@ pub struct ImportArguments {
     /// Biome whose climate (and, later, species) the scene gets: sonoma, pyrenees.
     #[arg(long, default_value = DEFAULT_BIOME)]
     biome: String,
-    /// TOML file with a [climate] table, and if wanted [soil], instead of the biome's.
+    /// TOML file with a `[climate]` table, and if wanted `[soil]`, instead of the biome's.
     #[arg(long, value_name = "FILE")]
     climate: Option<PathBuf>,
     /// CRS of the input's coordinates, where it names none or a wrong one: EPSG:n or a PROJ string.
