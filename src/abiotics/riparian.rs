@@ -174,8 +174,8 @@ pub(super) fn take_up(
 
     // What the land along each channel cell lacks
     let mut banks = vec![Banks::default(); channels.len()];
-    for index in 0..heights_m.len() {
-        let Some((channel, weight)) = channel_and_weight(index) else { continue };
+    let land = (0..heights_m.len()).filter_map(|index| Some((index, channel_and_weight(index)?)));
+    for (index, (channel, weight)) in land {
         for (m, demand) in demand_mm(index).into_iter().enumerate() {
             let missing_mm = weight * (capacity_mm - moisture_mm[m][index]);
             banks[channel].held_mm[m] += f64::from(missing_mm);
@@ -202,28 +202,27 @@ fn wet(channels: &mut [ChannelCell], banks: &[Banks]) -> (Vec<[f32; MONTHS]>, Up
     let mut held_mm = vec![0.0_f64; channels.len()];
     let mut uptake = Uptake { transpired_mm: [0.0; MONTHS], storage_change_mm: [0.0; MONTHS] };
     let mut wanted_mm = vec![0.0_f64; channels.len()];
-    for year in 0..SPIN_UP_YEARS {
-        for m in 0..MONTHS {
-            for (i, wanted) in wanted_mm.iter_mut().enumerate() {
-                *wanted = banks[i].transpired_mm[m] + banks[i].held_mm[m] - held_mm[i];
-            }
-            let mut flow_mm: Vec<f64> = channels.iter().map(|c| c.outflow_mm[m]).collect();
-            let given_mm = share_out(&receivers, &mut flow_mm, &wanted_mm);
-            let (mut transpired, mut stored) = (0.0, 0.0);
-            for i in 0..channels.len() {
-                let most_mm = banks[i].transpired_mm[m] + banks[i].held_mm[m];
-                let share = if most_mm > 0.0 { (given_mm[i] + held_mm[i]) / most_mm } else { 0.0 };
-                transpired += share * banks[i].transpired_mm[m];
-                let holds_mm = share * banks[i].held_mm[m];
-                stored += holds_mm - held_mm[i];
-                held_mm[i] = holds_mm;
-                wetness[i][m] = share as f32; // 0..=1
-            }
-            if year + 1 == SPIN_UP_YEARS {
-                (uptake.transpired_mm[m], uptake.storage_change_mm[m]) = (transpired, stored);
-                for (channel, flow) in channels.iter_mut().zip(&flow_mm) {
-                    channel.outflow_mm[m] = *flow;
-                }
+    let months = (0..SPIN_UP_YEARS).flat_map(|year| (0..MONTHS).map(move |m| (year, m)));
+    for (year, m) in months {
+        for (i, wanted) in wanted_mm.iter_mut().enumerate() {
+            *wanted = banks[i].transpired_mm[m] + banks[i].held_mm[m] - held_mm[i];
+        }
+        let mut flow_mm: Vec<f64> = channels.iter().map(|c| c.outflow_mm[m]).collect();
+        let given_mm = share_out(&receivers, &mut flow_mm, &wanted_mm);
+        let (mut transpired, mut stored) = (0.0, 0.0);
+        for i in 0..channels.len() {
+            let most_mm = banks[i].transpired_mm[m] + banks[i].held_mm[m];
+            let share = if most_mm > 0.0 { (given_mm[i] + held_mm[i]) / most_mm } else { 0.0 };
+            transpired += share * banks[i].transpired_mm[m];
+            let holds_mm = share * banks[i].held_mm[m];
+            stored += holds_mm - held_mm[i];
+            held_mm[i] = holds_mm;
+            wetness[i][m] = share as f32; // 0..=1
+        }
+        if year + 1 == SPIN_UP_YEARS {
+            (uptake.transpired_mm[m], uptake.storage_change_mm[m]) = (transpired, stored);
+            for (channel, flow) in channels.iter_mut().zip(&flow_mm) {
+                channel.outflow_mm[m] = *flow;
             }
         }
     }
