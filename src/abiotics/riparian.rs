@@ -174,9 +174,8 @@ pub(super) fn take_up(
 
     // What the land along each channel cell lacks
     let mut banks = vec![Banks::default(); channels.len()];
-    let bank_cells =
-        (0..heights_m.len()).filter_map(|index| Some((index, channel_and_weight(index)?)));
-    for (index, (channel, weight)) in bank_cells {
+    let land = (0..heights_m.len()).filter_map(|index| Some((index, channel_and_weight(index)?)));
+    for (index, (channel, weight)) in land {
         for (m, demand) in demand_mm(index).into_iter().enumerate() {
             let missing_mm = weight * (capacity_mm - moisture_mm[m][index]);
             banks[channel].held_mm[m] += f64::from(missing_mm);
