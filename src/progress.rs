@@ -33,6 +33,10 @@ pub enum Warning {
     VoidsKept { cells: usize },
     /// Isolated heights far above or below their surroundings, replaced.
     SpikesRemoved { cells: usize },
+    /// The climate was measured far from the scene.
+    ClimateFromElsewhere { climate_latitude_deg: f64, scene_latitude_deg: f64 },
+    /// The user's CRS stands in place of the file's.
+    CrsOverridden { path: PathBuf, file: String, given: String },
     /// No CRS to take the latitude from: the climate's is used.
     LatitudeFromClimate { latitude_deg: f64 },
     /// Cells where tiles overlap and disagree by more than a metre.
@@ -92,6 +96,13 @@ impl fmt::Display for Warning {
                 write!(f, "large voids stay masked: {cells} cells (sea, lakes, tile edges)")
             }
             Self::SpikesRemoved { cells } => write!(f, "replaced spikes and pits: {cells} cells"),
+            Self::ClimateFromElsewhere { climate_latitude_deg, scene_latitude_deg } => write!(
+                f,
+                "the scene lies at {scene_latitude_deg:.1}° latitude, its climate was measured at {climate_latitude_deg:.1}°: temperature, rain and clouds are of another place (give --biome or --climate FILE)"
+            ),
+            Self::CrsOverridden { path, file, given } => {
+                write!(f, "{}: names {file}; using {given} as told", path.display())
+            }
             Self::LatitudeFromClimate { latitude_deg } => write!(
                 f,
                 "latitude unknown; using the climate's {latitude_deg:.2}° (give --latitude to change it)"

@@ -308,7 +308,7 @@ fn option_cases() -> Vec<Case> {
             &["window", "west < east"],
         ),
         with("three for --bbox", &["--bbox", "1,2,3"], &["--bbox", "four"]),
-        with("NaN in --bbox", &["--bbox", "NaN,1,2,3"], &["window", "WEST"]),
+        with("NaN in --bbox", &["--bbox", "NaN,1,2,3"], &["--bbox", "WEST"]),
         with("NaN --latitude", &["--latitude", "NaN"], &["latitude NaN", "give degrees"]),
         with("far --latitude", &["--latitude", "-91"], &["latitude -91", "give degrees"]),
         with("NaN --fill-holes", &["--fill-holes", "NaN"], &["NaN", "give an area"]),

@@ -47,9 +47,9 @@ pub struct ImportArguments {
     )]
     bbox: Option<Vec<f64>>,
     /// Cell width of the scene in metres [default: the input's].
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", allow_hyphen_values = true)]
     cell: Option<f64>,
-    /// Latitude in degrees north, where no CRS tells it [default: the climate's].
+    /// Latitude in degrees north where no CRS tells it; a CRS always does [default: the climate's].
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
     latitude: Option<f64>,
     /// Fill inner holes up to this area; larger voids (lakes, sea) stay masked.
@@ -100,14 +100,11 @@ pub fn run(arguments: &ImportArguments, shared: &Shared, reporter: &Reporter) ->
 /// Tells what the scene holds.
 pub fn report(folder: &std::path::Path, manifest: &Manifest, shared: &Shared) {
     let head = &manifest.scene;
-    if shared.quiet {
-        return;
-    }
     if shared.json {
         terminal::line(
             &json!({"event": "done", "folder": folder.display().to_string(), "scene": head, "stages": manifest.stages}),
         );
-    } else {
+    } else if !shared.quiet {
         let [width, height] = head.extent_m;
         terminal::say(&format!(
             "{}: {} × {} cells of {} m ({:.0} × {:.0} m), {}, biome {}; look at {}",
@@ -140,6 +137,10 @@ fn request(arguments: &ImportArguments, seed: u64) -> Result<ImportRequest, Erro
         let [west, south, east, north] = bbox[..] else {
             return Err(usage("--bbox takes four numbers: WEST,SOUTH,EAST,NORTH".to_owned()));
         };
+        if !(west < east && south < north) {
+            let what = "--bbox: west must be less than east and south less than north";
+            return Err(usage(format!("{what}: give WEST,SOUTH,EAST,NORTH")));
+        }
         terrain.bbox = Some(MapWindow { west, south, east, north });
     }
     terrain.cell_m = arguments.cell;

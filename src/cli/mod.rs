@@ -34,7 +34,7 @@ struct Shared {
     /// Print JSON lines on standard output instead of text.
     #[arg(long, global = true)]
     json: bool,
-    /// Say nothing but errors.
+    /// Say nothing but errors (and, with --json, the result).
     #[arg(long, short, global = true)]
     quiet: bool,
     /// Threads to work with; results never depend on it [default: all cores].

@@ -53,11 +53,13 @@ pub struct PreviewMaps<'a> {
 pub struct PreviewOptions {
     /// The scene's name, the sheet's title.
     pub title: String,
+    /// Where the climate of the maps comes from.
+    pub climate: Option<String>,
 }
 
 impl Default for PreviewOptions {
     fn default() -> Self {
-        Self { title: "Terrain".to_owned() }
+        Self { title: "Terrain".to_owned(), climate: None }
     }
 }
 
@@ -201,7 +203,11 @@ impl Pen {
     fn heading(&mut self, sheet: &Sheet, frame: &Frame, options: &PreviewOptions) {
         let room = (sheet.width - 2 * layout::MARGIN_PX) as f32;
         let title = self.lettering.shortened(&options.title, TITLE, room);
-        let facts = self.lettering.shortened(&facts(frame), SUBTITLE, room);
+        let mut facts = facts(frame);
+        if let Some(climate) = &options.climate {
+            facts.push_str(&format!("   ·   climate: {climate}"));
+        }
+        let facts = self.lettering.shortened(&facts, SUBTITLE, room);
         let (x, y) = (layout::MARGIN_PX, layout::MARGIN_PX);
         self.text(x, y + 26, Align::Left, &title, TITLE);
         self.text(x, y + 57, Align::Left, &facts, SUBTITLE);

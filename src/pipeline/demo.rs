@@ -30,8 +30,9 @@ pub fn run(
         seed: terrain.seed,
         ..ImportRequest::new(Vec::new(), folder)
     };
+    let generated = GenerateParams { latitude_deg: climate.latitude_deg, ..terrain.clone() };
     let mut transaction = Transaction::begin(&request.folder)?;
-    let read = ReadTerrain { terrain: generate::generate(terrain, reporter)?, canopy: None };
+    let read = ReadTerrain { terrain: generate::generate(&generated, reporter)?, canopy: None };
     let maps = abiotics::run(&read.terrain, &climate, &request.abiotics, reporter)?;
     let mut parameters = toml::Table::new();
     parameters.insert("generated_relief_m".to_owned(), f64::from(terrain.relief_m).into());
@@ -39,8 +40,15 @@ pub fn run(
     let entry = import::write_terrain(&read, &mut transaction, key.clone(), parameters)?;
     let mut stages = BTreeMap::new();
     stages.insert("terrain".to_owned(), entry);
-    let entry =
-        import::write_abiotics(&read.terrain, &maps, &mut transaction, key, &request, reporter)?;
+    let entry = import::write_abiotics(
+        &read.terrain,
+        &maps,
+        &mut transaction,
+        key,
+        &request,
+        &climate,
+        reporter,
+    )?;
     stages.insert("abiotics".to_owned(), entry);
     let scene = SceneHead::new(&request.folder, &read.terrain, biome, terrain.seed);
     let manifest = Manifest { scene, inputs: Vec::new(), stages };

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use super::Error;
 use super::scene_files::{StageFiles, mean};
 use crate::abiotics::{self, AbioticMaps};
+use crate::export::preview::PreviewOptions;
 use crate::io::raster_file::RasterHead;
 use crate::io::{self, Limits, ParseError, las, raster_file};
-use crate::progress::{Reporter, Stage};
+use crate::progress::{Reporter, Stage, Warning};
 use crate::raster::{Crs, Frame, GeoTransform, Grid, LengthUnit, MONTHS, MapWindow, Mask};
 use crate::scene::{self, Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
 use crate::species::{Biome, Climate};
@@ -137,6 +138,7 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         manifest.stages.insert("terrain".to_owned(), entry);
     }
     if !abiotics_are_current {
+        warn_of_climate_from_elsewhere(&read.terrain, &climate, reporter);
         let maps = abiotics::run(&read.terrain, &climate, &request.abiotics, reporter)?;
         let entry = write_abiotics(
             &read.terrain,
@@ -144,6 +146,7 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
             &mut transaction,
             abiotics_key,
             request,
+            &climate,
             reporter,
         )?;
         manifest.stages.insert("abiotics".to_owned(), entry);
@@ -151,6 +154,17 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
     reporter.check_cancelled()?;
     transaction.commit(&manifest)?;
     Ok(manifest)
+}
+
+/// Distance in latitude from which a climate is another place's. chosen: 5°, about 550 km.
+const ELSEWHERE_DEG: f64 = 5.0;
+
+fn warn_of_climate_from_elsewhere(terrain: &Terrain, climate: &Climate, reporter: &Reporter) {
+    let scene_latitude_deg = terrain.latitude_rad.to_degrees();
+    let climate_latitude_deg = climate.latitude_deg;
+    if (scene_latitude_deg - climate_latitude_deg).abs() > ELSEWHERE_DEG {
+        reporter.warn(Warning::ClimateFromElsewhere { climate_latitude_deg, scene_latitude_deg });
+    }
 }
 
 /// Reads the request's files into terrain, and canopy where they are clouds.
@@ -482,14 +496,20 @@ pub(super) fn write_abiotics(
     transaction: &mut Transaction,
     key: String,
     request: &ImportRequest,
+    climate: &Climate,
     reporter: &Reporter,
 ) -> Result<StageEntry, Error> {
     let mut files = StageFiles::new(transaction);
     files.abiotics(maps, reporter)?;
-    let name = crate::scene::folder_name(&request.folder);
-    files.preview(&name, terrain, maps, reporter)?;
+    let climate_name = match &request.climate_file {
+        Some(path) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        None => request.biome.clone(),
+    };
+    let options =
+        PreviewOptions { title: scene::folder_name(&request.folder), climate: Some(climate_name) };
+    files.preview(&options, terrain, maps, reporter)?;
     let mut parameters = parameters(&request.abiotics)?;
-    parameters.insert("biome".to_owned(), request.biome.clone().into());
+    parameters.insert("climate".to_owned(), self::parameters(climate)?.into());
     Ok(files.into_entry(key, parameters, abiotic_figures(maps)))
 }
 

@@ -126,7 +126,7 @@ impl<'a> StageFiles<'a> {
     /// Draws and writes `preview.png`.
     pub fn preview(
         &mut self,
-        name: &str,
+        options: &PreviewOptions,
         terrain: &Terrain,
         maps: &AbioticMaps,
         reporter: &Reporter,
@@ -140,8 +140,7 @@ impl<'a> StageFiles<'a> {
             discharge_m3_s: Some(maps.discharge_m3_s.clone()),
             river: Some(maps.river.values()),
         };
-        let options = PreviewOptions { title: name.to_owned() };
-        let picture = preview::preview(terrain, &shown, &options);
+        let picture = preview::preview(terrain, &shown, options);
         let hash = self.transaction.write("preview.png", |file| {
             let png = preview::encode_png(&picture).map_err(std::io::Error::other)?;
             std::io::Write::write_all(file, &png)

@@ -169,7 +169,9 @@ pub enum BiomeError {
     #[error("biome: format_version = {found} is not supported; this program reads {supported}")]
     Version { found: u32, supported: u32 },
     /// A name that no shipped biome has.
-    #[error("no biome `{name}` ships with the program; there are {known} (or give a file)")]
+    #[error(
+        "no biome `{name}` ships with the program; there are {known}; for the climate of another place give --climate FILE"
+    )]
     UnknownBiome { name: String, known: String },
 }
 

@@ -1,13 +1,14 @@
 //! A biome's climate: monthly weather at the altitude where it was measured, and soil water facts.
 
-use serde::Deserialize;
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
 
 use super::biome::BiomeError;
 use super::checks::{Place, parse};
 use crate::raster::MONTHS;
 
 /// Monthly weather of a landscape; January first.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Climate {
     /// Latitude of the station, degrees north; used where the terrain's own is unknown.
     pub latitude_deg: f64,
@@ -26,7 +27,7 @@ pub struct Climate {
 }
 
 /// How soil takes up and holds water.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Soil {
     /// Share of rain that evaporates before it reaches the soil, 0–1.
     pub evaporated_rain_fraction: f32,
@@ -80,6 +81,15 @@ struct ClimateFile {
     climate: ClimateTable,
     #[serde(default)]
     soil: SoilTable,
+    /// What else a biome file has, so that one can serve as a climate file.
+    #[serde(default, rename = "biome")]
+    _biome: Option<IgnoredAny>,
+    #[serde(default, rename = "sub_biomes")]
+    _sub_biomes: Option<IgnoredAny>,
+    #[serde(default, rename = "forest_floor")]
+    _forest_floor: Option<IgnoredAny>,
+    #[serde(default, rename = "species")]
+    _species: Option<IgnoredAny>,
 }
 
 /// A `[climate]` table.

@@ -282,6 +282,12 @@ fn common_crs(
 ) -> Result<Crs, ImportError> {
     let first = tiles.first().ok_or(ImportError::NoTiles)?;
     if let Some(crs) = &params.crs {
+        for tile in tiles {
+            if let Some(file) = tile.raster.crs.as_ref().filter(|file| *file != crs) {
+                let (path, file, given) = (tile.path.clone(), file.to_string(), crs.to_string());
+                reporter.warn(Warning::CrsOverridden { path, file, given });
+            }
+        }
         return Ok(crs.clone());
     }
     for NamedRaster { path, raster } in tiles {
