@@ -48,6 +48,6 @@ fi
 step "Python cross-checks"
 cargo build --release --quiet
 [ -x "$target/release/wildwood" ] || fail "no program at $target/release/wildwood"
-.venv/bin/python -m pytest -q -rs -p no:cacheprovider tests/crosscheck
+.venv/bin/python -m pytest -q -rs --disable-warnings -p no:cacheprovider tests/crosscheck
 
 step "All tests passed$skipped"
