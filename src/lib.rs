@@ -5,11 +5,13 @@
 #![forbid(unsafe_code)]
 
 pub mod abiotics;
+pub mod canopy;
 pub mod cli;
 pub mod export;
 pub mod io;
 pub mod math;
 pub mod pipeline;
+pub mod plants;
 pub mod progress;
 pub mod raster;
 pub mod rng;
