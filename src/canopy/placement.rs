@@ -1,0 +1,206 @@
+//! Placement: the trees that make up a canopy height model.
+//!
+//! # Reference
+//! Kapp et al. 2020, section 5.2 and Algorithm 1, doi:10.1145/3414685.3417848.
+//! # Departures
+//! Each crown is fitted to the canopy within its species' envelope (`crown_fit`), so that the tops and openings which the
+//! canopy shows decide how dense trees stand, and not the allometry alone. Rounds end when little comes or goes; then the
+//! last openings are closed.
+
+use rayon::prelude::*;
+
+use super::conflicts;
+use super::cover::Cover;
+use super::crown_fit::{self, CANOPY_WORTH};
+use super::crowns::{UNITS_PER_CELL, disk_spans};
+use super::seeding;
+use super::stand::{Ground, Stand};
+use super::tiles::Tiling;
+use super::visibility::{RenderVisibility, Visibility};
+use crate::progress::{Cancelled, Reporter};
+
+/// Share of its crown that a tree must show to the sky to live.
+/// chosen: half of what Kapp's program has (0.3, PAPER_NOTES §6): crowns are fitted here, so less of them is hidden.
+const STARVES_BELOW_FRACTION: f64 = 0.15;
+/// Part of the way to the centre of what it shows that a tree moves in a round: a quarter. Kapp's program (PAPER_NOTES §6).
+const SHIFT_DIVISOR: i32 = 4;
+/// Share of its narrowest crown that a top must gain to bear a tree. chosen: below it the tops of one crown's branches
+/// become trees.
+const TOP_GAIN_FRACTION: f32 = 0.4;
+/// Canopy that a tree under a top must alone cover, m².
+const TOP_LEAST_M2: f32 = 1.0;
+/// Canopy that other trees must alone cover, m²: in the first round, and in the last. chosen: the roomiest openings first.
+const FIRST_LEAST_M2: f32 = 4.0;
+const LAST_LEAST_M2: f32 = 2.0;
+/// From round to round that falls by this factor.
+const LEAST_FALLS_BY: f32 = 0.6;
+/// Price of a cell under a crown that is no canopy, where canopy is worth [`CANOPY_WORTH`]. chosen on measured canopies of
+/// 1 m cells: from 3 to 10 coverage falls by about one in a hundred and overhang by two.
+const OVERHANG_PRICE: i32 = 5;
+/// Rounds that close the last openings: canopy that their trees must alone cover, m², and the price of overhang.
+const CLOSING: [(f32, i32); 6] = [(1.0, 5), (1.0, 3), (0.8, 2), (0.5, 2), (0.3, 2), (0.2, 1)];
+/// Share of that canopy which keeps a tree standing.
+const CLOSING_KEEPS_FRACTION: f32 = 0.8;
+/// They end when this share of the canopy is covered.
+const COVERAGE_GOAL_FRACTION: f64 = 0.983;
+/// Rounds end when fewer than this share of the trees come or go.
+const SETTLED_CHANGE_FRACTION: f64 = 0.01;
+
+/// How trees are placed.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct PlacementParams {
+    /// Cells at least this high are canopy.
+    pub canopy_min_height_m: f32,
+    /// Rounds of Algorithm 1 at most.
+    pub max_rounds: usize,
+}
+
+impl Default for PlacementParams {
+    fn default() -> Self {
+        // 3 m: PAPER_NOTES §6; rounds: measured canopies change by about 1 % a round after six
+        Self { canopy_min_height_m: 3.0, max_rounds: 8 }
+    }
+}
+
+/// A placed stand and what the sky sees of it.
+#[derive(Clone, Debug)]
+pub struct Placed {
+    /// The trees.
+    pub stand: Stand,
+    /// What the sky sees of them.
+    pub visibility: Visibility,
+    /// Rounds it took.
+    pub rounds: usize,
+}
+
+/// Why placement ended early.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlacementError {
+    /// The run was cancelled.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The renderer's device failed.
+    #[error("{what}")]
+    Renderer {
+        /// What failed.
+        what: String,
+    },
+}
+
+/// Places trees.
+///
+/// # Errors
+/// If the run was cancelled, or the renderer's device failed.
+pub fn place(
+    ground: &Ground<'_>,
+    params: &PlacementParams,
+    renderer: &mut dyn RenderVisibility,
+    reporter: &Reporter,
+) -> Result<Placed, PlacementError> {
+    let stage = reporter.stage("placement", (params.max_rounds + CLOSING.len()) as u64);
+    let cells = ground.cells;
+    let worth_of_m2 = |m2: f32| (m2 * CANOPY_WORTH as f32 / (cells.cell_m * cells.cell_m)) as i32;
+    let tiling = Tiling::new(cells.size, ground.widest());
+    let mut visibility = Visibility::default();
+    let mut render = |stand: &Stand, visibility: &mut Visibility| {
+        renderer
+            .render(&stand.crowns, cells.canopy(), visibility)
+            .map_err(|what| PlacementError::Renderer { what })
+    };
+
+    // initial seeding
+    let mut stand = Stand::default();
+    let cover = Cover::new(cells.size);
+    let tops = seeding::tops(ground);
+    for seed in
+        seeding::accepted_tops(ground, tiling, &cover, &tops, OVERHANG_PRICE, TOP_GAIN_FRACTION)
+    {
+        stand.seed(ground, seed, true);
+    }
+    drop(tops);
+
+    // rounds of Algorithm 1
+    let mut rounds = 0;
+    let mut least_m2 = FIRST_LEAST_M2;
+    while rounds < params.max_rounds {
+        reporter.check_cancelled()?;
+        let least = worth_of_m2(least_m2);
+        let seeds = seeding::openings(ground, tiling, &cover, OVERHANG_PRICE, least);
+        let added = seeds.len();
+        seeds.into_iter().for_each(|seed| stand.seed(ground, seed, false));
+        render(&stand, &mut visibility)?;
+        let is_fed = fed(ground, &stand, &visibility);
+        let starved = is_fed.iter().filter(|fed| !**fed).count();
+        shift(ground, &mut stand, &visibility);
+        stand.keep(&is_fed);
+        let mut dropped = starved + conflicts::resolve(cells, &mut stand, true);
+        cover.count_all(&stand.crowns);
+        let top_least = worth_of_m2(TOP_LEAST_M2);
+        let least_of =
+            |tree: usize, stand: &Stand| if stand.is_top[tree] { top_least } else { least };
+        dropped += crown_fit::fit(ground, tiling, &cover, OVERHANG_PRICE, least_of, &mut stand);
+        least_m2 = (least_m2 * LEAST_FALLS_BY).max(LAST_LEAST_M2);
+        rounds += 1;
+        stage.advance(1);
+        let changed_fraction = (added + dropped) as f64 / stand.len().max(1) as f64;
+        if least_m2 <= LAST_LEAST_M2 && changed_fraction < SETTLED_CHANGE_FRACTION {
+            break;
+        }
+    }
+
+    // the last openings, at a lower and lower price, until the canopy is covered
+    for (least_m2, price) in CLOSING {
+        reporter.check_cancelled()?;
+        let seeds = seeding::openings(ground, tiling, &cover, price, worth_of_m2(least_m2));
+        seeds.into_iter().for_each(|seed| stand.seed(ground, seed, false));
+        let keeps = worth_of_m2(least_m2 * CLOSING_KEEPS_FRACTION);
+        for _ in 0..2 {
+            crown_fit::fit(ground, tiling, &cover, price, |_, _| keeps, &mut stand);
+        }
+        conflicts::resolve(cells, &mut stand, true);
+        cover.count_all(&stand.crowns);
+        stage.advance(1);
+        if cover.covered_fraction(&cells.is_canopy) >= COVERAGE_GOAL_FRACTION {
+            break;
+        }
+    }
+    conflicts::resolve(cells, &mut stand, false);
+    drop(cover);
+    render(&stand, &mut visibility)?;
+    Ok(Placed { stand, visibility, rounds })
+}
+
+/// Moves trees that hold no top towards the middle of the canopy that they show.
+fn shift(ground: &Ground<'_>, stand: &mut Stand, visibility: &Visibility) {
+    for tree in 0..stand.len() {
+        let cells = visibility.canopy_cells[tree] as i32; // a crown has a few thousand
+        if stand.is_top[tree] || cells == 0 {
+            continue;
+        }
+        let moved = |at: i32, sum: i32| {
+            let trunk_cell = at.div_euclid(UNITS_PER_CELL);
+            let center =
+                trunk_cell * UNITS_PER_CELL + UNITS_PER_CELL / 2 + sum * UNITS_PER_CELL / cells;
+            at + (center - at) / SHIFT_DIVISOR
+        };
+        let x = moved(stand.crowns.x[tree], visibility.sum_cols[tree]);
+        let y = moved(stand.crowns.y[tree], visibility.sum_rows[tree]);
+        stand.shift(ground, tree, x, y);
+    }
+}
+
+/// Whether each tree shows enough of its crown to live.
+fn fed(ground: &Ground<'_>, stand: &Stand, visibility: &Visibility) -> Vec<bool> {
+    let crowns = &stand.crowns;
+    (0..stand.len())
+        .into_par_iter()
+        .map(|tree| {
+            let size = ground.cells.size;
+            let spans = disk_spans(crowns.x[tree], crowns.y[tree], crowns.radius[tree], size);
+            let all: usize = spans.map(|span| span.end_col - span.first_col).sum();
+            let visible = visibility.visible_cells[tree];
+            visible > 0 && f64::from(visible) >= STARVES_BELOW_FRACTION * all as f64
+        })
+        .collect()
+}

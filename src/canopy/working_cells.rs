@@ -1,0 +1,199 @@
+//! Working cells: the grid that trees are placed on, as fine as crowns need it.
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use super::crowns::{GridSize, UNITS_PER_CELL};
+use super::species_map::{NO_SPECIES, SpeciesMap};
+use super::visibility::CanopyCells;
+use crate::raster::Grid;
+
+/// Working cells are no wider than this. chosen: the crowns of 3 m trees, the lowest that count as canopy, are about 2 m
+/// wide; wider cells would give them the shape of a cell.
+const MAX_WORKING_CELL_M: f64 = 1.0;
+
+/// The canopy on working cells: each scene cell cut into `per_cell` × `per_cell`.
+#[derive(Clone, Debug)]
+pub struct WorkingCells<'a> {
+    /// Working cells along a scene cell's side.
+    pub per_cell: usize,
+    /// Size of the working grid.
+    pub size: GridSize,
+    /// Width of a working cell.
+    pub cell_m: f32,
+    /// Canopy's surface above ground, metres, where trees are seeded by its shape.
+    pub surface_m: Cow<'a, [f32]>,
+    /// Whether the scene's cell is canopy.
+    pub is_canopy: Vec<bool>,
+    /// Width of a scene cell.
+    scene_cell_m: f32,
+    /// Columns of the scene.
+    scene_cols: usize,
+}
+
+impl<'a> WorkingCells<'a> {
+    /// Working cells of a canopy height model; cells of at least `min_height_m` are canopy.
+    pub fn new(chm_m: &'a Grid<f32>, min_height_m: f32) -> Self {
+        let frame = chm_m.frame();
+        let scene_cell_m = frame.transform.cell_m;
+        let per_cell = (scene_cell_m / MAX_WORKING_CELL_M).ceil().max(1.0) as usize; // at most a few
+        let size = GridSize { rows: frame.rows * per_cell, cols: frame.cols * per_cell };
+        let is_scene_canopy: Vec<bool> = chm_m
+            .values()
+            .par_iter()
+            .zip(chm_m.mask().as_slice())
+            .map(|(&h, &valid)| valid && h >= min_height_m)
+            .collect();
+        let (surface_m, is_canopy) = if per_cell == 1 {
+            (Cow::Borrowed(chm_m.values()), is_scene_canopy)
+        } else {
+            let surface = refined(chm_m, per_cell, size);
+            let spread = (0..size.rows * size.cols)
+                .into_par_iter()
+                .map(|i| {
+                    is_scene_canopy
+                        [i / size.cols / per_cell * frame.cols + i % size.cols / per_cell]
+                })
+                .collect();
+            (Cow::Owned(surface), spread)
+        };
+        let cell_m = (scene_cell_m / per_cell as f64) as f32; // 0.5–1 m
+        let scene_cell_m = frame.cell_m();
+        let scene_cols = frame.cols;
+        Self { per_cell, size, cell_m, surface_m, is_canopy, scene_cell_m, scene_cols }
+    }
+
+    /// The cells as the renderers of visibility take them.
+    pub fn canopy(&self) -> CanopyCells<'_> {
+        CanopyCells { rows: self.size.rows, cols: self.size.cols, is_canopy: &self.is_canopy }
+    }
+
+    /// Index of the scene cell that a working cell is part of.
+    #[inline]
+    pub fn scene_index(&self, index: usize) -> usize {
+        if self.per_cell == 1 {
+            return index;
+        }
+        let (row, col) = (index / self.size.cols, index % self.size.cols);
+        row / self.per_cell * self.scene_cols + col / self.per_cell
+    }
+
+    /// Index of the working cell that a position in units lies in.
+    #[inline]
+    pub fn index_at(&self, x: i32, y: i32) -> usize {
+        let cell = |units: i32, cells: usize| super::crowns::cell_of_units(units).min(cells - 1);
+        cell(y, self.size.rows) * self.size.cols + cell(x, self.size.cols)
+    }
+
+    /// Units in a metre.
+    #[inline]
+    pub fn units_per_m(&self) -> f32 {
+        UNITS_PER_CELL as f32 / self.cell_m
+    }
+
+    /// Working cells whose trees are known: canopy on which some species can stand.
+    #[inline]
+    pub fn is_plantable(&self, index: usize, species: &SpeciesMap) -> bool {
+        self.is_canopy[index] && species.values()[self.scene_index(index)] != NO_SPECIES
+    }
+
+    /// Width of a scene cell in metres.
+    #[inline]
+    pub fn scene_cell_m(&self) -> f32 {
+        self.scene_cell_m
+    }
+}
+
+/// The surface between cell centres by Catmull–Rom splines, so that tops lie between cells where their neighbours say so;
+/// never below ground. Masked cells count as ground.
+fn refined(chm_m: &Grid<f32>, per_cell: usize, size: GridSize) -> Vec<f32> {
+    let frame = chm_m.frame();
+    let valid = chm_m.mask().as_slice();
+    let weights: Vec<[f32; 4]> = (0..per_cell)
+        .map(|sub| {
+            let offset = (sub as f32 + 0.5) / per_cell as f32 - 0.5;
+            catmull_rom(if offset < 0.0 { offset + 1.0 } else { offset })
+        })
+        .collect();
+    // the first of four neighbours along an axis, for a working cell
+    let first = |cell: usize| {
+        let sub = cell % per_cell;
+        let before = usize::from(2 * sub + 1 < per_cell); // left of the centre
+        (cell / per_cell) as isize - 1 - before as isize
+    };
+    let clamped = |at: isize, len: usize| at.clamp(0, len as isize - 1) as usize;
+    let mut surface = vec![0.0; size.rows * size.cols];
+    surface.par_chunks_mut(size.cols).enumerate().for_each(|(row, line)| {
+        let row_weights = weights[row % per_cell];
+        let rows: [usize; 4] =
+            std::array::from_fn(|i| clamped(first(row) + i as isize, frame.rows));
+        let mixed: Vec<f32> = (0..frame.cols)
+            .map(|col| {
+                let at = |i: usize| {
+                    let index = rows[i] * frame.cols + col;
+                    if valid[index] { chm_m.values()[index].max(0.0) } else { 0.0 }
+                };
+                (0..4).map(|i| row_weights[i] * at(i)).sum()
+            })
+            .collect();
+        for (col, value) in line.iter_mut().enumerate() {
+            let col_weights = weights[col % per_cell];
+            let at = |i: usize| mixed[clamped(first(col) + i as isize, frame.cols)];
+            *value = (0..4).map(|i| col_weights[i] * at(i)).sum::<f32>().max(0.0);
+        }
+    });
+    surface
+}
+
+/// Weights of four values one apart, for a place `t` past the second, 0 ≤ t < 1.
+fn catmull_rom(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        0.5 * (-t3 + 2.0 * t2 - t),
+        0.5 * (3.0 * t3 - 5.0 * t2 + 2.0),
+        0.5 * (-3.0 * t3 + 4.0 * t2 + t),
+        0.5 * (t3 - t2),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::raster::Cell;
+
+    fn ramp(cell_m: f64) -> Grid<f32> {
+        Grid::from_fn(8, 10, cell_m, |Cell { row, col }| 2.0 + row as f32 + 2.0 * col as f32)
+    }
+
+    #[test]
+    fn cells_up_to_a_metre_stay_as_they_are() {
+        for cell_m in [0.5, 1.0] {
+            let chm = ramp(cell_m);
+            let cells = WorkingCells::new(&chm, 3.0);
+            assert_eq!((cells.per_cell, cells.size.rows), (1, 8));
+            assert_eq!(cells.surface_m, chm.values());
+            assert!(!cells.is_canopy[0] && cells.is_canopy[1]);
+        }
+    }
+
+    #[test]
+    fn wide_cells_are_cut_and_planes_stay_planes() {
+        for (cell_m, per_cell) in [(4.0, 4), (5.0, 5), (2.0, 2), (1.5, 2)] {
+            let chm = ramp(cell_m);
+            let cells = WorkingCells::new(&chm, 3.0);
+            assert_eq!(cells.per_cell, per_cell);
+            assert!(cells.cell_m <= 1.0);
+            for row in 2 * per_cell..6 * per_cell {
+                for col in 2 * per_cell..8 * per_cell {
+                    let at = |cell: usize| (cell as f32 + 0.5) / per_cell as f32 - 0.5;
+                    let expected = 2.0 + at(row) + 2.0 * at(col);
+                    let index = row * cells.size.cols + col;
+                    assert!((cells.surface_m[index] - expected).abs() < 1e-3, "{row} {col}");
+                    let scene = row / per_cell * 10 + col / per_cell;
+                    assert_eq!(cells.scene_index(index), scene);
+                }
+            }
+        }
+    }
+}
