@@ -12,6 +12,7 @@ pub mod brush;
 pub mod crowns;
 pub mod limits;
 mod mosaic;
+mod region;
 mod share_solver;
 pub mod shares;
 pub mod site;

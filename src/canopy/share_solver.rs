@@ -210,3 +210,82 @@ fn bid_that_takes(bids: &mut [i32], wanted: usize, now: i32) -> i32 {
         None => most(next - 1),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::{Key, Process, words};
+
+    /// Cells whose codes vary independently, `None` where a species cannot stand.
+    fn sample(cells: usize, targeted: usize, can: impl Fn(usize, usize) -> bool) -> Sample {
+        let code = |cell: usize, species: usize| {
+            let entity = (cell * 64 + species) as u64;
+            let key = Key { seed: 3, process: Process::StrewnPoints, year: 0, month: 0, entity };
+            if can(cell, species) { 30_000 + (words(key)[0] % 30_000) as u16 } else { 0 }
+        };
+        let codes = (0..cells).flat_map(|cell| (0..=targeted).map(move |s| (cell, s)));
+        Sample { targeted, codes: codes.map(|(cell, s)| code(cell, s)).collect(), cells }
+    }
+
+    #[test]
+    fn sharing_out_is_fair() {
+        assert_eq!(shared_out(&[3.0, 1.0], 10.0, true), [3.0, 1.0]);
+        assert_eq!(shared_out(&[3.0, 1.0], 10.0, false), [6.0, 4.0]);
+        assert_eq!(shared_out(&[3.0, 1.0], 3.0, true), [2.5, 0.5]);
+        assert_eq!(shared_out(&[3.0, -1.0], 2.0, true), [2.0, 0.0]);
+        assert!(shared_out(&[], 2.0, false).is_empty());
+    }
+
+    #[test]
+    fn only_what_can_be_reached_is_asked() {
+        // species 0 stands on a fifth of the cells, species 1 on all of them, others nowhere
+        let fifth = sample(1000, 2, |cell, species| match species {
+            0 => cell % 5 == 0,
+            1 => true,
+            _ => false,
+        });
+        let near = |found: Vec<f64>, expected: [f64; 2]| {
+            found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5)
+        };
+        assert!(near(reachable(&fifth, &[0.1, 0.9]), [0.1, 0.9]));
+        assert!(near(reachable(&fifth, &[0.6, 0.4]), [0.2, 0.8]));
+        // two species that need the same third: what is missing is shared
+        let third = sample(900, 2, |cell, species| species == 2 || cell % 3 == 0);
+        assert!(near(reachable(&third, &[0.2, 0.1]), [0.2, 0.1]));
+        assert!(near(reachable(&third, &[0.3, 0.2]), [0.3 - 1.0 / 12.0, 0.2 - 1.0 / 12.0]));
+    }
+
+    #[test]
+    fn weights_give_the_shares() {
+        let all = sample(8000, 4, |_, _| true);
+        let partial = sample(8000, 4, |cell, species| (cell >> species) % 2 == 0 || cell % 7 == 0);
+        let alone = sample(8000, 4, |cell, species| species < 4 && (cell + species) % 3 > 0);
+        for (sample, targets) in [
+            (&all, [0.1, 0.2, 0.3, 0.2]),
+            (&all, [0.01, 0.9, 0.01, 0.05]),
+            (&partial, [0.3, 0.1, 0.3, 0.05]),
+            (&alone, [0.25, 0.4, 0.3, 0.05]),
+        ] {
+            let shares = reachable(sample, &targets);
+            let mut weights = [0; 4];
+            solve(sample, &shares, &mut weights);
+            let reached = sample.shares(&weights);
+            for ((reached, share), target) in reached.iter().zip(&shares).zip(targets) {
+                assert!((share - target).abs() < 1e-4, "{shares:?} for {targets:?}");
+                assert!(
+                    (reached - share).abs() < 2e-3,
+                    "{reached} for {share}, weights {weights:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_to_solve_is_no_trouble() {
+        let empty = Sample { targeted: 2, ..Sample::default() };
+        assert_eq!(reachable(&empty, &[0.5, 0.5]), [0.0, 0.0]);
+        let mut weights = [0; 2];
+        solve(&empty, &[0.5, 0.5], &mut weights);
+        assert_eq!(weights, [0, 0]);
+    }
+}

@@ -2,11 +2,16 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 /// Stands for no species.
 pub(super) const NOBODY: u8 = u8::MAX;
 
 /// Most rounds. chosen: filling a patch can cut another in two; the third round finds next to nothing.
 const MOST_ROUNDS: usize = 4;
+
+/// Rows that are worked on together.
+const BAND_ROWS: usize = 64;
 
 /// Cells of one row and one species, side by side.
 #[derive(Clone, Copy, Debug)]
@@ -41,26 +46,19 @@ pub(super) fn remove(
 
 /// Patches of fewer than `least_cells` cells, in the order of their first cells.
 fn small_patches(map: &[u8], cols: usize, least_cells: usize) -> Vec<Vec<Run>> {
-    let mut runs: Vec<Run> = Vec::new();
-    let mut parents: Vec<usize> = Vec::new();
-    let mut above = 0..0;
-    for (row, cells) in map.chunks(cols.max(1)).enumerate() {
-        let start = runs.len();
-        let mut col = 0;
-        while col < cols {
-            let species = cells[col];
-            let first_col = col;
-            while col < cols && cells[col] == species {
-                col += 1;
-            }
-            if species != NOBODY {
-                parents.push(runs.len());
-                runs.push(Run { row, first_col, end_col: col, species });
-            }
-        }
-        let here = start..runs.len();
-        join(&runs, above, here.clone(), &mut parents);
-        above = here;
+    let bands = map.par_chunks((BAND_ROWS * cols).max(1)).enumerate();
+    let runs_of_bands: Vec<Vec<Run>> =
+        bands.map(|(band, cells)| runs(cells, cols, band * BAND_ROWS)).collect();
+    let runs = runs_of_bands.concat();
+    let mut parents: Vec<usize> = (0..runs.len()).collect();
+    let (mut above, mut start) = (0..0, 0);
+    while start < runs.len() {
+        let row = runs[start].row;
+        let end = start + runs[start..].iter().take_while(|run| run.row == row).count();
+        let follows = above.start < above.end && runs[above.start].row + 1 == row;
+        join(&runs, if follows { above } else { 0..0 }, start..end, &mut parents);
+        above = start..end;
+        start = end;
     }
     let mut cells_of_root = vec![0; runs.len()];
     for (at, run) in runs.iter().enumerate() {
@@ -81,6 +79,25 @@ fn small_patches(map: &[u8], cols: usize, least_cells: usize) -> Vec<Vec<Run>> {
         patches[patch_of_root[root]].push(*run);
     }
     patches
+}
+
+/// The runs of some rows, the first of which has the number `first_row`.
+fn runs(cells: &[u8], cols: usize, first_row: usize) -> Vec<Run> {
+    let mut runs = Vec::new();
+    for (row, cells) in (first_row..).zip(cells.chunks(cols.max(1))) {
+        let mut first_col = 0;
+        while first_col < cols {
+            let species = cells[first_col];
+            let rest = &cells[first_col..];
+            let len = rest.iter().position(|&other| other != species).unwrap_or(rest.len());
+            let end_col = first_col + len;
+            if species != NOBODY {
+                runs.push(Run { row, first_col, end_col, species });
+            }
+            first_col = end_col;
+        }
+    }
+    runs
 }
 
 /// Joins runs of one species that touch across two rows.

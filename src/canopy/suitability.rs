@@ -473,3 +473,107 @@ impl RowMaxima {
 }
 
 const _: () = assert!(LIMITS == 9, "four resources, two sides each, and height");
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::raster::Cell;
+    use crate::species::Biome;
+
+    #[test]
+    fn codes_are_logarithms_of_vigor() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let coding = Coding::ln_vigor();
+        let mut worst = 0.0_f32;
+        for index in biome.canopy_species() {
+            let candidate = Candidate::new(index, &biome.species[index], 1.15);
+            let niche = &biome.species[index].niche;
+            for step in 0..2000 {
+                let at = step as f32 / 2000.0;
+                let offer = [14.0 * at, 180.0 * at, 40.0 * at, 1.4 * at];
+                for resource in 0..4 {
+                    let mut here = candidate.ideals;
+                    here[resource] = offer[resource];
+                    let vigor = niche.vigor(here[0], here[1], here[2], here[3]);
+                    let mut code = [0];
+                    coding.codes(&[candidate.stress(here)], &[0.0], &mut code);
+                    assert!(code[0] == 0 || vigor > 0.0, "{here:?}: code {}, {vigor}", code[0]);
+                    let e_folds = f32::from(code[0]) / CODES_PER_E_FOLD;
+                    let read = match code[0] {
+                        0 => vigor.min(0.0),
+                        _ => math::exp(e_folds + LEAST_LN_VIGOR - HEADROOM),
+                    };
+                    worst = worst.max((read - vigor).abs());
+                }
+            }
+        }
+        assert!(worst < 1e-3, "{worst}");
+    }
+
+    #[test]
+    fn ranks_fall_with_stress_and_vanish_with_vigor() {
+        let stress = [0.0, 0.2, 0.9, 1.0, 1.024, 1.0242, 2.0, f32::INFINITY];
+        let mut codes = [9; 8];
+        Coding::Rank.codes(&stress, &[], &mut codes);
+        assert!(codes[..5].windows(2).all(|pair| pair[0] > pair[1]), "{codes:?}");
+        assert!(codes[4] > 0 && codes[5..] == [0; 3], "{codes:?}");
+    }
+
+    #[test]
+    fn means_and_maxima_are_those_of_the_square_around() {
+        let field = |salt: usize| {
+            let value = |cell: Cell| ((cell.row * 31 + cell.col * 17 + salt) % 23) as f32;
+            Grid::from_fn(30, 21, 1.0, value)
+        };
+        let valid: Vec<bool> = (0..630).map(|i| i % 7 != 3).collect();
+        let mask = Arc::new(Mask::new(valid));
+        let masked =
+            |grid: Grid<f32>| Grid::new(grid.frame().clone(), mask.clone(), grid.into_values());
+        let site = Site {
+            sun_h: masked(field(1)),
+            moisture_mm: masked(field(2)),
+            temperature_c: masked(field(3)),
+            slope_rad: masked(field(4)),
+        };
+        let chm_m = masked(field(5));
+        let allowed = Mask::all_valid(630);
+        for radius in [0_usize, 1, 3, 40] {
+            let ground = Ground {
+                site: &site,
+                chm_m: &chm_m,
+                allowed: &allowed,
+                regions: None,
+                region_count: 1,
+                canopy_min_height_m: 3.0,
+                radius,
+                counts_limits: false,
+            };
+            for first_row in [0_usize, 11] {
+                let mut means = RowMeans::new(&ground, first_row);
+                let mut maxima = RowMaxima::new(&ground, first_row);
+                for row in first_row..30 {
+                    means.advance(&ground, row, radius);
+                    maxima.advance(&ground, row, radius);
+                    for col in 0..21_usize {
+                        let around = |grid: &Grid<f32>| -> Vec<f32> {
+                            let rows = row.saturating_sub(radius)..row + radius + 1;
+                            let cols = col.saturating_sub(radius)..col + radius + 1;
+                            let cells =
+                                rows.flat_map(|row| cols.clone().map(move |col| (row, col)));
+                            cells
+                                .filter_map(|(row, col)| grid.get(Cell { row, col }).copied())
+                                .collect()
+                        };
+                        let moisture = around(&site.moisture_mm);
+                        let mean = moisture.iter().sum::<f32>() / moisture.len().max(1) as f32;
+                        assert!((means.means[1][col] - mean).abs() < 1e-4, "{row} {col}");
+                        let height = around(&chm_m).into_iter().fold(0.0, f32::max);
+                        assert_eq!(maxima.row[col], height, "{row} {col}");
+                    }
+                }
+            }
+        }
+    }
+}

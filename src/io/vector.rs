@@ -369,7 +369,7 @@ mod tests {
         assert!(message("{").contains("no GeoJSON"));
         assert!(message(&COLLECTION.replace("25832", "x")).contains("`urn:ogc:def:crs:EPSG::x`"));
         assert!(message(&COLLECTION.replace("\"crs\"", "\"crs2\"")).contains("longitude"));
-        assert!(message(r#"{"type": "Point", "coordinates": [1]}"#).contains("two numbers"));
+        assert!(message(r#"{"type": "Point", "coordinates": [1]}"#).contains("no GeoJSON"));
         let deep = "{\"type\":\"GeometryCollection\",\"geometries\":[".repeat(100_000);
         assert!(message(&deep).contains("no GeoJSON"));
         let limits = Limits { max_points: 3, ..Limits::default() };
