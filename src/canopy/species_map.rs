@@ -584,7 +584,7 @@ mod tests {
             let outcome = mapped(&land, &shares.join(","), painted.then_some(&brush));
             let radius = (4.0 / cell_m) as usize;
             let biome = Biome::builtin("sonoma").unwrap();
-            for at in (0..70 * 80).step_by(3) {
+            for at in (0..70 * 80).step_by(11) {
                 let species = outcome.map.values()[at];
                 if species == NO_SPECIES {
                     continue;
