@@ -13,6 +13,8 @@
 pub enum Process {
     /// Gradients of the demo terrain's noise.
     TerrainNoise = 1,
+    /// Small deviations of vigor in the species map.
+    SpeciesMosaic = 20,
     /// Pulses over a made-up forest.
     SyntheticPulse = 90,
     /// Trees of a made-up forest.

@@ -9,6 +9,7 @@ pub mod geotiff;
 pub mod las;
 mod number_text;
 pub mod raster_file;
+pub mod vector;
 mod window;
 pub mod wkt;
 

@@ -1,11 +1,16 @@
 //! The order of stages: reads inputs, runs what is out of date, writes the scene folder.
 //!
-//! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write).
+//! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write);
+//! [`exclusion`] and [`brush`] (what a user keeps free or paints).
 
+pub mod brush;
 pub mod demo;
+pub mod exclusion;
 pub mod import;
+mod onto_scene;
 mod scene_files;
 
+use crate::canopy::shares::ShareError;
 use crate::progress::Cancelled;
 use crate::{io, scene, species, terrain};
 
@@ -22,6 +27,8 @@ pub enum Error {
     Biome(#[from] species::BiomeError),
     #[error(transparent)]
     Terrain(#[from] terrain::import::ImportError),
+    #[error(transparent)]
+    Shares(#[from] ShareError),
     #[error("{what}")]
     Usage { what: String },
     #[error("{what}")]

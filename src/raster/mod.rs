@@ -1,8 +1,10 @@
 //! Grids on the map: values, place, mask. Row 0 lies north, values stand at cell centres.
 //!
 //! Reading order: [`frame`] (where cells lie), [`mask`] (which are valid), [`grid`] (values), [`crs`] and
-//! [`projection`] (where on Earth), [`source`] (as files hold them), [`resample`] and [`warp`] (onto another grid).
+//! [`projection`] (where on Earth), [`source`] (as files hold them), [`resample`] and [`warp`] (onto another grid),
+//! [`burn`] (shapes onto a grid).
 
+pub mod burn;
 pub mod crs;
 pub mod frame;
 pub mod grid;

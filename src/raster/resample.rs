@@ -1,4 +1,4 @@
-//! Heights between and across cells: bilinear, bicubic, area average; all know of missing cells.
+//! Values between and across cells: nearest, bilinear, bicubic, area average; all know of missing cells.
 
 /// Values with their valid flags, row-major: what the kernels read.
 #[derive(Clone, Copy, Debug)]
@@ -21,6 +21,8 @@ pub struct CellPosition {
 /// How values are drawn from a grid for a cell of another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
+    /// The value of the cell that holds the target cell's centre: for numbers that name things.
+    Nearest,
     /// Weights of the 2 × 2 nearest cells.
     Bilinear,
     /// Weights of the 4 × 4 nearest cells; bilinear where one of them is missing.
@@ -170,6 +172,7 @@ impl<'a> Samples<'a> {
         corners: impl FnOnce() -> Option<[CellPosition; 4]>,
     ) -> Option<f32> {
         match kernel {
+            Kernel::Nearest => self.nearest(middle).map(|value| value as f32), // was one
             Kernel::Bilinear => self.bilinear(middle),
             Kernel::Bicubic => self.bicubic(middle),
             Kernel::Average => self.average(&corners()?),

@@ -305,7 +305,7 @@ mod tests {
         let valid: Vec<bool> = (0..600_usize).map(|i| !i.is_multiple_of(7)).collect();
         let source = Source { samples: Samples::new(20, 30, &values, &valid), affine };
         let to = target(20, 30, 563_999.5, 146_999.5, 1.0);
-        for kernel in [Kernel::Bilinear, Kernel::Bicubic, Kernel::Average] {
+        for kernel in [Kernel::Nearest, Kernel::Bilinear, Kernel::Bicubic, Kernel::Average] {
             let warped = warp_silently(&source, &to, None, kernel);
             assert_eq!(warped.valid, valid);
             let kept = warped.values.iter().zip(&values).zip(&valid).filter(|(_, v)| **v);
