@@ -24,7 +24,7 @@ pub use trees::GeneratedTree;
 pub struct GenerateParams {
     /// Another seed, another canopy.
     pub seed: u64,
-    /// Share of the land under crowns, 0..=1.
+    /// Share of the land under crowns, 0..=1; of more than about 0.93, what all trees together cover.
     pub cover_fraction: f32,
     /// Height of trees in a grown stand on middling ground.
     pub stand_height_m: f32,

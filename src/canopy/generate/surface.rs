@@ -9,8 +9,8 @@ use crate::rng::{self, Key, Process};
 
 /// Rows of cells drawn by one worker at a time.
 const BAND_ROWS: usize = 32;
-/// How far the surface lies below the crown's outline at most, as a share of the height. Chosen: twigs and the pulse
-/// that misses them make about 3 % of standard deviation in measured canopies of 1 m.
+/// How far the surface lies below the crown's outline at most, as a share of the height. Chosen: by eye, beside
+/// measured canopies of 1 m.
 const ROUGHNESS_FRACTION: f32 = 0.12;
 /// Share of canopy cells where the pulse falls through to lower branches. Chosen: what is left after pits are filled.
 const PIT_FRACTION: f32 = 0.012;
