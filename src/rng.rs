@@ -19,6 +19,12 @@ pub enum Process {
     SyntheticPulse = 90,
     /// Trees of a made-up forest.
     SyntheticTree = 91,
+    /// Where trees of a generated canopy may stand.
+    CanopyLattice = 93,
+    /// Size and form of a generated canopy's trees.
+    CanopyTree = 94,
+    /// Leaves and twigs of a generated canopy, cell by cell.
+    CanopyRoughness = 95,
     /// Points that tests strew.
     StrewnPoints = 92,
 }

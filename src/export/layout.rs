@@ -1,6 +1,7 @@
 //! Where things stand on a sheet: one large map, up to four small ones, heading and legend.
 
 use super::canvas::Rect;
+use super::species_legend;
 
 /// Empty paper around everything.
 pub const MARGIN_PX: u32 = 48;
@@ -38,6 +39,37 @@ pub struct Sheet {
     pub panels: Vec<Rect>,
     /// Scale bar, north arrow and legend.
     pub footer: Rect,
+    /// The legend of species, where there is one.
+    pub species: Option<Rect>,
+}
+
+/// Room in the footer for scale bar, north arrow and elevation.
+const FOOTER_ITEMS_PX: u32 = 820;
+
+impl Sheet {
+    /// The sheet with room for a legend of so many species: right of the elevations where it fits, else below.
+    pub fn with_species(self, entries: usize) -> Self {
+        let footer = self.footer;
+        let beside_x = self
+            .panels
+            .first()
+            .map_or(0, |p| p.x)
+            .clamp(footer.x + FOOTER_ITEMS_PX, footer.right().max(footer.x + FOOTER_ITEMS_PX));
+        let room = footer.right() - beside_x.min(footer.right());
+        let rect = |x: u32, y: u32, width: u32| {
+            let height = species_legend::height_px(entries, width);
+            Rect { x, y, width, height }
+        };
+        let legend = if room >= 2 * species_legend::COLUMN_PX + species_legend::COLUMN_GAP_PX {
+            rect(beside_x, footer.y, room)
+        } else {
+            rect(footer.x, footer.bottom() + 6, footer.width)
+        };
+        let height = footer.height.max(legend.bottom() - footer.y);
+        let footer = Rect { height, ..footer };
+        let height = footer.bottom() + MARGIN_PX / 2;
+        Self { height, footer, species: Some(legend), ..self }
+    }
 }
 
 /// The sheet of a map `aspect` times as wide as high with `panels` small maps.
@@ -107,6 +139,7 @@ pub fn arrange(aspect: f64, panels: usize) -> Sheet {
         map,
         panels,
         footer,
+        species: None,
     }
 }
 
@@ -136,6 +169,21 @@ mod tests {
                     }
                 }
                 assert_eq!(sheet.panels.len(), count);
+            }
+        }
+    }
+
+    #[test]
+    fn a_species_legend_has_room_of_its_own() {
+        for aspect in [0.05, 0.3, 0.6, 1.0, 1.5, 2.5, 20.0] {
+            for entries in [0, 1, 7, 16] {
+                let sheet = arrange(aspect, 4).with_species(entries);
+                let legend = sheet.species.unwrap();
+                assert!(legend.right() + MARGIN_PX <= sheet.width, "{aspect}: {legend:?}");
+                assert!(legend.bottom() < sheet.height && legend.y >= sheet.footer.y);
+                let items = Rect { width: FOOTER_ITEMS_PX, height: FOOTER_PX, ..sheet.footer };
+                assert!(!overlap(legend, items), "aspect {aspect}: {legend:?}");
+                assert!(sheet.panels.iter().all(|p| !overlap(legend, *p)));
             }
         }
     }

@@ -1,4 +1,4 @@
-//! A scene's map sheet: shaded relief, and small maps of what the site offers.
+//! A scene's map sheet: shaded relief, the crowns of its canopy, and small maps of what the site offers.
 
 use std::io::Cursor;
 
@@ -7,11 +7,17 @@ use image::{ImageError, RgbImage};
 use rayon::prelude::*;
 
 use super::canvas::{Canvas, Rect, mix_light};
+use super::crown_layer::CrownLayer;
 use super::layout::{self, Sheet};
 use super::lettering::{Align, Lettering, Style};
 use super::ramp::{Ramp, Rgb, Spread};
-use super::{fit::fit, relief, rivers, scale};
+use super::relief::{self, lit};
+use super::species_legend::{self, Entry};
+use super::{fit::fit, rivers, scale, species_panel};
+use crate::canopy::species_map::SpeciesMap;
+use crate::plants::Plants;
 use crate::raster::{Crs, Frame, Grid};
+use crate::species::Biome;
 use crate::terrain::Terrain;
 
 const PAPER: Rgb = [250, 248, 243];
@@ -21,10 +27,14 @@ const FRAME_INK: Rgb = [120, 118, 112];
 const WATER: Rgb = [52, 108, 158];
 const VOID: Rgb = [226, 228, 226];
 const VOID_HATCH: Rgb = [208, 211, 210];
-/// Colour of light on full lit slopes and in full shade, against flat ground's 1; warm light, cool shade.
-const LIT: [f32; 3] = [1.0, 0.985, 0.93];
-const SHADE: [f32; 3] = [0.27, 0.29, 0.38];
+/// Ground under and between crowns is drawn paler, towards this, so that crowns stand out; and by how much.
+const PALE: [f32; 3] = [232.0, 226.0, 212.0];
+const PALE_FRACTION: f32 = 0.5;
+/// How much of the relief's light crowns take, and how dark their shadows are on the ground.
+const RELIEF_ON_CROWNS: f32 = 0.32;
+const CROWN_SHADOW: f32 = 0.55;
 
+const NAME: &str = "wildwood";
 const TITLE: Style = Style { size_px: 34.0, bold: true, color: INK };
 const SUBTITLE: Style = Style { size_px: 17.0, bold: false, color: GREY_INK };
 const CAPTION: Style = Style { size_px: 17.0, bold: true, color: INK };
@@ -46,6 +56,21 @@ pub struct PreviewMaps<'a> {
     pub discharge_m3_s: Option<Grid<f32>>,
     /// Cells that are river; without it the largest discharges are drawn.
     pub river: Option<&'a [bool]>,
+    /// Canopy trees; with them the sheet is a forest map.
+    pub canopy: Option<CanopyLayer<'a>>,
+}
+
+/// The canopy that a forest map shows.
+#[derive(Clone, Copy, Debug)]
+pub struct CanopyLayer<'a> {
+    /// Plants; those of the canopy are drawn.
+    pub plants: &'a Plants,
+    /// What the plants' species are.
+    pub biome: &'a Biome,
+    /// Canopy height.
+    pub chm_m: &'a Grid<f32>,
+    /// Which species stands where.
+    pub species: &'a SpeciesMap,
 }
 
 /// What a sheet says beside its maps.
@@ -63,7 +88,7 @@ impl Default for PreviewOptions {
     }
 }
 
-/// One composed picture, 1600 × 1100 pixels for a square tile, other shapes for others.
+/// One composed picture, 1600 × 1100 pixels for a square tile, other shapes for others; with canopy trees a forest map.
 /// The same picture for the same input on every machine.
 ///
 /// # Panics
@@ -72,7 +97,11 @@ pub fn preview(terrain: &Terrain, maps: &PreviewMaps<'_>, options: &PreviewOptio
     let elevation = &terrain.elevation_m;
     let frame = elevation.frame();
     let panels = panels(maps);
-    let sheet = layout::arrange(frame.cols as f64 / frame.rows as f64, panels.len());
+    let mut sheet = layout::arrange(frame.cols as f64 / frame.rows as f64, panels.len());
+    let species = maps.canopy.map(|c| species_legend::entries(c.plants, c.biome));
+    if let Some(species) = &species {
+        sheet = sheet.with_species(species.len());
+    }
     let mut pen = Pen {
         canvas: Canvas::new(sheet.width, sheet.height, PAPER),
         lettering: Lettering::default(),
@@ -81,6 +110,9 @@ pub fn preview(terrain: &Terrain, maps: &PreviewMaps<'_>, options: &PreviewOptio
     pen.heading(&sheet, frame, options);
     let elevation_range = pen.large_map(sheet.map, elevation, maps);
     pen.footer(&sheet, frame, elevation_range);
+    if let (Some(rect), Some(species)) = (sheet.species, &species) {
+        pen.species_legend(rect, species, land_ha(elevation));
+    }
     if let Some(first) = sheet.panels.first() {
         let ground = Ground::of(elevation, *first);
         for (rect, panel) in sheet.panels.iter().zip(&panels) {
@@ -105,15 +137,28 @@ pub fn encode_png(picture: &RgbImage) -> Result<Vec<u8>, ImageError> {
     Ok(bytes)
 }
 
+/// Hectares of land a map shows.
+fn land_ha(elevation_m: &Grid<f32>) -> f64 {
+    let cell_m = elevation_m.frame().transform.cell_m;
+    elevation_m.mask().valid_count() as f64 * cell_m * cell_m / 1e4
+}
+
 /// A small map.
 struct Panel<'a> {
     title: &'static str,
     unit: &'static str,
-    grid: &'a Grid<f32>,
-    ramp: Ramp,
-    /// From the grid's unit to the unit shown.
-    to_shown: f32,
+    shows: Shows<'a>,
 }
+
+enum Shows<'a> {
+    /// A measure by a colour ramp, times a factor from the grid's unit to the unit shown.
+    Measure(&'a Grid<f32>, Ramp, f32),
+    /// Species in their colours.
+    Species(&'a SpeciesMap, &'a Biome),
+}
+
+/// Most small maps on a sheet.
+const MOST_PANELS: usize = 4;
 
 fn panels<'a>(maps: &'a PreviewMaps<'_>) -> Vec<Panel<'a>> {
     let degrees = 1_f32.to_degrees();
@@ -124,9 +169,17 @@ fn panels<'a>(maps: &'a PreviewMaps<'_>) -> Vec<Panel<'a>> {
         (&maps.slope_rad, "Slope", "degrees", Ramp::SLOPE, degrees),
     ];
     let panel = |(grid, title, unit, ramp, to_shown): (&'a Option<Grid<f32>>, _, _, _, _)| {
-        grid.as_ref().map(|grid| Panel { title, unit, grid, ramp, to_shown })
+        grid.as_ref().map(|grid| Panel { title, unit, shows: Shows::Measure(grid, ramp, to_shown) })
     };
-    all.into_iter().filter_map(panel).collect()
+    let site = all.into_iter().filter_map(panel);
+    let Some(canopy) = &maps.canopy else { return site.collect() };
+    let height = Shows::Measure(canopy.chm_m, Ramp::CANOPY_HEIGHT, 1.0);
+    let species = Shows::Species(canopy.species, canopy.biome);
+    let forest = [
+        Panel { title: "Canopy height", unit: "m", shows: height },
+        Panel { title: "Species", unit: "most suitable", shows: species },
+    ];
+    forest.into_iter().chain(site).take(MOST_PANELS).collect()
 }
 
 /// Terrain at a map's pixels, and its light.
@@ -142,7 +195,6 @@ impl Ground {
         let fitted = fit(elevation_m, rows, cols);
         let exaggeration = relief::fitting_exaggeration(&fitted);
         let shade = relief::soft_hillshade(&fitted, exaggeration);
-        let flat = std::f32::consts::FRAC_1_SQRT_2;
 
         // hollows a little darker, heights a little lighter, as under an open sky
         let broad_cells = (rows.min(cols) / 14).max(1);
@@ -160,25 +212,18 @@ impl Ground {
             .par_iter()
             .zip(&rise)
             .map(|(&s, r)| {
-                let lamp = if s < flat { s / flat - 1.0 } else { (s - flat) / (1.0 - flat) };
-                (lamp + 0.16 * (r * per_rise).clamp(-1.0, 1.0)).clamp(-1.0, 1.0)
+                (relief::against_flat(s) + 0.16 * (r * per_rise).clamp(-1.0, 1.0)).clamp(-1.0, 1.0)
             })
             .collect();
         Self { elevation_m: fitted, light }
     }
 }
 
-/// A surface colour under light of −1..=1.
-fn lit(color: [f32; 3], light: f32, strength: f32) -> [f32; 3] {
-    std::array::from_fn(|channel| {
-        if light < 0.0 {
-            // shade deepens slowly at first: most slopes keep their colour
-            let depth = -light * strength;
-            color[channel] * (1.0 + depth * (SHADE[channel] - 1.0))
-        } else {
-            mix_light(color[channel], 255.0 * LIT[channel], 0.38 * light * strength)
-        }
-    })
+/// Colour of flat ground at a place along the range of elevations; paler on a forest map.
+fn ground_tint(along: f32, forest: bool) -> [f32; 3] {
+    let tint = Ramp::ELEVATION.color(along);
+    let paler = if forest { PALE_FRACTION } else { 0.0 };
+    std::array::from_fn(|c| tint[c] + paler * (PALE[c] - tint[c]))
 }
 
 fn rounded(color: [f32; 3]) -> Rgb {
@@ -207,6 +252,7 @@ impl Pen {
         if let Some(climate) = &options.climate {
             facts.push_str(&format!("   ·   climate: {climate}"));
         }
+        let room = if sheet.species.is_some() { room - 90.0 } else { room }; // the name stands right
         let facts = self.lettering.shortened(&facts, SUBTITLE, room);
         let (x, y) = (layout::MARGIN_PX, layout::MARGIN_PX);
         self.text(x, y + 26, Align::Left, &title, TITLE);
@@ -227,48 +273,104 @@ impl Pen {
             .discharge_m3_s
             .as_ref()
             .map(|discharge| rivers::coverage(discharge, maps.river, rows, cols));
+        let crowns = maps
+            .canopy
+            .map(|c| CrownLayer::draw(c.plants, c.biome, elevation_m.frame(), rows, cols));
         let place = |z: f32| range.map_or(0.5, |r| r.place(z));
         let color = |pixel: usize| {
             if !ground.elevation_m.mask().is_valid(pixel) {
                 return void_color(pixel % cols, pixel / cols);
             }
-            let tint = Ramp::ELEVATION.color(place(ground.elevation_m.values()[pixel]));
+            let along = place(ground.elevation_m.values()[pixel]);
+            let tint = ground_tint(along, crowns.is_some());
             let land = lit(tint, ground.light[pixel], 1.0);
             let water = river.as_ref().map_or(0.0, |r| r[pixel]);
-            rounded(std::array::from_fn(|c| mix_light(land[c], f32::from(WATER[c]), water)))
+            let land = std::array::from_fn(|c| mix_light(land[c], f32::from(WATER[c]), water));
+            let Some(crowns) = &crowns else { return rounded(land) };
+            let land = lit(land, -crowns.shadow[pixel], CROWN_SHADOW);
+            let crown = lit(crowns.color[pixel], ground.light[pixel], RELIEF_ON_CROWNS);
+            let cover = crowns.cover[pixel];
+            rounded(std::array::from_fn(|c| mix_light(land[c], crown[c], cover)))
         };
-        let pixels: Vec<Rgb> = (0..rows * cols).into_par_iter().map(color).collect();
-        self.canvas.paint(rect, |x, y| pixels[y as usize * cols + x as usize]);
-        self.canvas.frame(rect, FRAME_INK);
+        self.pixels(rect, color);
         range
     }
 
     fn small_map(&mut self, rect: Rect, panel: &Panel<'_>, ground: &Ground) {
-        let (rows, cols) = (rect.height as usize, rect.width as usize);
-        let mut shown = fit(panel.grid, rows, cols);
-        shown.values_mut().iter_mut().for_each(|v| *v *= panel.to_shown);
-        let spread = Spread::robust(shown.valid_values().copied());
-        let color = |pixel: usize| match spread {
-            Some(spread) if shown.mask().is_valid(pixel) => {
-                let tint = panel.ramp.color(spread.place(shown.values()[pixel]));
-                rounded(lit(tint, ground.light[pixel], 0.5))
+        self.caption(rect, panel);
+        match panel.shows {
+            Shows::Measure(grid, ramp, to_shown) => {
+                self.measure(rect, grid, ramp, to_shown, ground);
             }
-            _ => void_color(pixel % cols, pixel / cols),
-        };
+            Shows::Species(species, biome) => {
+                let (rows, cols) = (rect.height as usize, rect.width as usize);
+                let colors = species_panel::colors(species, biome, rows, cols);
+                let color = |pixel: usize| match colors[pixel] {
+                    Some(color) => rounded(lit(color, ground.light[pixel], 0.5)),
+                    None => void_color(pixel % cols, pixel / cols),
+                };
+                self.pixels(rect, color);
+                let note = "colours as in the legend";
+                self.text(rect.x, rect.bottom() + 20, Align::Left, note, UNIT);
+            }
+        }
+    }
+
+    /// Paints a map pixel by pixel.
+    fn pixels(&mut self, rect: Rect, color: impl Fn(usize) -> Rgb + Sync + Send) {
+        let (rows, cols) = (rect.height as usize, rect.width as usize);
         let pixels: Vec<Rgb> = (0..rows * cols).into_par_iter().map(color).collect();
         self.canvas.paint(rect, |x, y| pixels[y as usize * cols + x as usize]);
         self.canvas.frame(rect, FRAME_INK);
+    }
 
-        self.caption(rect, panel);
+    fn measure(
+        &mut self,
+        rect: Rect,
+        grid: &Grid<f32>,
+        ramp: Ramp,
+        to_shown: f32,
+        ground: &Ground,
+    ) {
+        let (rows, cols) = (rect.height as usize, rect.width as usize);
+        let mut shown = fit(grid, rows, cols);
+        shown.values_mut().iter_mut().for_each(|v| *v *= to_shown);
+        let spread = Spread::robust(shown.valid_values().copied());
+        self.pixels(rect, |pixel| match spread {
+            Some(spread) if shown.mask().is_valid(pixel) => {
+                let tint = ramp.color(spread.place(shown.values()[pixel]));
+                rounded(lit(tint, ground.light[pixel], 0.5))
+            }
+            _ => void_color(pixel % cols, pixel / cols),
+        });
         let Some(spread) = spread else { return };
         let bar =
             Rect { x: rect.x, y: rect.bottom() + 9, width: rect.width.clamp(120, 420), height: 10 };
-        self.ramp(bar, panel.ramp);
+        self.ramp(bar, |along| ramp.color(along));
         let decimals = decimals_for(spread);
         let low = scale::fixed(f64::from(spread.low), decimals);
         let high = scale::fixed(f64::from(spread.high), decimals);
         self.text(bar.x, bar.bottom() + 18, Align::Left, &low, LABEL);
         self.text(bar.right(), bar.bottom() + 18, Align::Right, &high, LABEL);
+    }
+
+    /// Title, number of trees, and the species.
+    fn species_legend(&mut self, rect: Rect, species: &[Entry], land_ha: f64) {
+        let trees: usize = species.iter().map(|e| e.trees).sum();
+        let y = rect.y + species_legend::TITLE_PX - 10;
+        self.text(rect.x, y, Align::Left, "Canopy trees", CAPTION);
+        if trees == 0 {
+            let after = rect.x + self.lettering.width_px("Canopy trees", CAPTION) as u32 + 9;
+            self.text(after, y, Align::Left, "none", UNIT);
+            return;
+        }
+        let styles = [LABEL, Style { size_px: 12.0, ..UNIT }];
+        species_legend::draw(&mut self.canvas, &self.lettering, rect, species, styles);
+        let count = species_legend::thousands(trees);
+        let per_ha = trees as f64 / land_ha.max(f64::MIN_POSITIVE);
+        let decimals = if per_ha < 10.0 { 1 } else { 0 };
+        let sum = format!("{count} trees, {} a hectare", scale::trimmed(per_ha, decimals));
+        self.text(rect.x, rect.bottom() - 6, Align::Left, &sum, UNIT);
     }
 
     /// Title and unit above a small map; beside narrow maps only as much of the unit as there is room for.
@@ -284,9 +386,9 @@ impl Pen {
         }
     }
 
-    fn ramp(&mut self, bar: Rect, ramp: Ramp) {
+    fn ramp(&mut self, bar: Rect, color: impl Fn(f32) -> [f32; 3]) {
         let last = (bar.width - 1).max(1) as f32;
-        self.canvas.paint(bar, |x, _| rounded(ramp.color(x as f32 / last)));
+        self.canvas.paint(bar, |x, _| rounded(color(x as f32 / last)));
         self.canvas.frame(bar, FRAME_INK);
     }
 
@@ -309,15 +411,14 @@ impl Pen {
 
         self.north_arrow((x + 345) as f32, (y + 8) as f32);
         if let Some(range) = elevation_m {
-            self.elevation_legend(x + 430, y, range);
+            self.elevation_legend(x + 430, y, range, sheet.species.is_some());
         }
-        self.text(
-            sheet.footer.right(),
-            sheet.footer.y + 62,
-            Align::Right,
-            "wildwood",
-            Style { size_px: 13.0, ..UNIT },
-        );
+        let signature = Style { size_px: 13.0, ..UNIT };
+        if sheet.species.is_some() {
+            self.text(sheet.footer.right(), layout::MARGIN_PX + 57, Align::Right, NAME, signature);
+        } else {
+            self.text(sheet.footer.right(), y + 62, Align::Right, NAME, signature);
+        }
     }
 
     fn north_arrow(&mut self, x: f32, y: f32) {
@@ -328,12 +429,12 @@ impl Pen {
         self.lettering.draw(&mut self.canvas, x, y + 56.0, Align::Center, "N", style);
     }
 
-    fn elevation_legend(&mut self, x: u32, y: u32, range: Spread) {
+    fn elevation_legend(&mut self, x: u32, y: u32, range: Spread, forest: bool) {
         self.text(x, y + 24, Align::Left, "Elevation", CAPTION);
         let after = x + self.lettering.width_px("Elevation", CAPTION) as u32 + 9;
         self.text(after, y + 24, Align::Left, "metres above sea level", UNIT);
         let bar = Rect { x, y: y + 34, width: 360, height: 12 };
-        self.ramp(bar, Ramp::ELEVATION);
+        self.ramp(bar, |along| ground_tint(along, forest));
         let (low, high) = (f64::from(range.low), f64::from(range.high));
         let ticks = scale::ticks(low, high, 8);
         let decimals = decimals_for(range);
@@ -392,6 +493,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::export::crown_layer;
     use crate::raster::Mask;
 
     fn hills(rows: usize, cols: usize) -> Terrain {
@@ -413,6 +515,7 @@ mod tests {
             slope_rad: map(|z| z / 900.0),
             discharge_m3_s: map(|z| (330.0 - z).max(0.0)),
             river: None,
+            canopy: None,
         }
     }
 
@@ -433,6 +536,29 @@ mod tests {
         let bytes = encode_png(&picture).unwrap();
         let back = image::load_from_memory(&bytes).unwrap().into_rgb8();
         assert!(back == picture);
+    }
+
+    #[test]
+    fn crowns_and_their_legend_are_drawn_and_no_plants_are_no_trouble() {
+        let terrain = hills(60, 60);
+        let biome = Biome::builtin("sonoma").unwrap();
+        let grid = &terrain.elevation_m;
+        let chm_m = grid.with_values(vec![12.0; 3600]);
+        let species = grid.with_values(vec![8; 3600]);
+        let trees = [(40.0, 60.0, 9.0, 20.0, 8), (80.0, 70.0, 7.0, 22.0, 14)];
+        let forest = crown_layer::tests::plants(120.0, &trees);
+        let draw = |plants: &Plants| {
+            let canopy = CanopyLayer { plants, biome: &biome, chm_m: &chm_m, species: &species };
+            let maps = PreviewMaps { canopy: Some(canopy), ..maps(&terrain) };
+            preview(&terrain, &maps, &PreviewOptions::default())
+        };
+        let (with, without) = (draw(&forest), draw(&Plants::default()));
+        let of_color = |p: &RgbImage, s: usize| {
+            p.pixels().filter(|q| q.0 == biome.species[s].color_srgb).count()
+        };
+        // the swatch of douglas-fir, which the small map does not show
+        assert!(of_color(&with, 14) >= 14 * 14 && of_color(&without, 14) == 0);
+        assert!(with.width() == without.width() && with.height() >= without.height());
     }
 
     #[test]

@@ -61,6 +61,18 @@ impl Ramp {
             [165, 66, 66],
         ],
     };
+    /// Canopy height: pale straw over leaf green to dark teal; darker is taller.
+    pub const CANOPY_HEIGHT: Self = Self {
+        stops: &[
+            [244, 239, 222],
+            [221, 222, 168],
+            [168, 197, 116],
+            [103, 164, 88],
+            [48, 124, 82],
+            [22, 83, 76],
+            [12, 44, 58],
+        ],
+    };
     /// Slope: white over sand to brown; darker is steeper.
     pub const SLOPE: Self = Self {
         stops: &[
@@ -138,6 +150,7 @@ mod tests {
             (Ramp::ELEVATION, 1.0),
             (Ramp::SUNLIGHT, 1.0),
             (Ramp::MOISTURE, -1.0),
+            (Ramp::CANOPY_HEIGHT, -1.0),
             (Ramp::SLOPE, -1.0),
         ] {
             for i in 0..64 {

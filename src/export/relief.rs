@@ -11,6 +11,7 @@ use std::f32::consts::FRAC_PI_4;
 
 use rayon::prelude::*;
 
+use super::canvas::mix_light;
 use crate::math::{cos, sin, tan};
 use crate::raster::Grid;
 
@@ -33,6 +34,29 @@ impl Light {
         let (sin_alt, cos_alt) = (sin(self.altitude_rad), cos(self.altitude_rad));
         [cos_alt * sin_az, cos_alt * cos_az, sin_alt]
     }
+}
+
+/// Colour of light on full lit slopes and in full shade, against flat ground's 1; warm light, cool shade.
+const LIT: [f32; 3] = [1.0, 0.985, 0.93];
+const SHADE: [f32; 3] = [0.27, 0.29, 0.38];
+
+/// A surface colour under light of −1 (full shade) over 0 (flat ground) to 1 (full light), 0..=255 a channel.
+pub fn lit(color: [f32; 3], light: f32, strength: f32) -> [f32; 3] {
+    std::array::from_fn(|channel| {
+        if light < 0.0 {
+            // shade deepens slowly at first: most slopes keep their colour
+            let depth = -light * strength;
+            color[channel] * (1.0 + depth * (SHADE[channel] - 1.0))
+        } else {
+            mix_light(color[channel], 255.0 * LIT[channel], 0.38 * light * strength)
+        }
+    })
+}
+
+/// A hillshade of 0..=1 against flat ground's: −1 full shade, 0 flat, 1 full light.
+pub fn against_flat(shade: f32) -> f32 {
+    let flat = std::f32::consts::FRAC_1_SQRT_2;
+    if shade < flat { shade / flat - 1.0 } else { (shade - flat) / (1.0 - flat) }
 }
 
 /// Cosine of the angle between ground and light, 0..=1: 0 where ground turns away, sin(altitude) on the flat.

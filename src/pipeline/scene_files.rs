@@ -139,6 +139,7 @@ impl<'a> StageFiles<'a> {
             slope_rad: Some(maps.slope_rad.clone()),
             discharge_m3_s: Some(maps.discharge_m3_s.clone()),
             river: Some(maps.river.values()),
+            canopy: None,
         };
         let picture = preview::preview(terrain, &shown, options);
         let hash = self.transaction.write("preview.png", |file| {

@@ -5,9 +5,9 @@
 
 mod drainage;
 mod erosion;
-mod extent;
+pub(crate) mod extent;
 mod landscape;
-mod noise;
+pub(crate) mod noise;
 mod plan;
 mod valley;
 

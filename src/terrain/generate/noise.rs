@@ -14,7 +14,7 @@ use super::extent::Extent;
 use crate::math;
 use crate::rng::{self, Key, Process};
 
-/// Fields of noise; each has draws of its own.
+/// Fields of noise, of landscapes and of made-up canopies; each has draws of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Field {
@@ -36,6 +36,20 @@ pub enum Field {
     BendEast = 7,
     /// Shifts of ground to the north.
     BendNorth = 8,
+    /// Where woods stand and where land is open.
+    Woodland = 9,
+    /// How sharp a wood's edge is.
+    Openness = 10,
+    /// Gaps in the canopy.
+    Gaps = 11,
+    /// Meadows on level ground.
+    Meadows = 12,
+    /// Smooth change of stand height.
+    StandHeight = 13,
+    /// Stands of one age, with borders.
+    StandAge = 14,
+    /// Needles or broad leaves.
+    StandKind = 15,
 }
 
 /// A family of noise octaves; each field has draws of its own.
