@@ -397,7 +397,9 @@ mod tests {
             age_years,
             vigor,
         } = &mut reversed;
-        (id.reverse(), species.reverse(), layer.reverse());
+        id.reverse();
+        species.reverse();
+        layer.reverse();
         for numbers in [east_m, north_m, z_m, height_m, crown_radius_m, dbh_m, age_years, vigor] {
             numbers.reverse();
         }
