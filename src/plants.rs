@@ -1,5 +1,7 @@
 //! Living plants of a scene: one array a measure.
 
+pub mod table;
+
 use crate::species::Biome;
 
 /// Which layer of the forest a plant belongs to.
@@ -12,6 +14,9 @@ pub enum Layer {
 }
 
 impl Layer {
+    /// Every layer, in the order of their numbers.
+    pub const ALL: [Self; 2] = [Self::Canopy, Self::Undergrowth];
+
     /// The layer's name in files.
     pub fn name(self) -> &'static str {
         match self {
@@ -22,14 +27,14 @@ impl Layer {
 
     /// The layer of a name in a file.
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Canopy, Self::Undergrowth].into_iter().find(|layer| layer.name() == name)
+        Self::ALL.into_iter().find(|layer| layer.name() == name)
     }
 }
 
 /// Living plants, struct of arrays: the arrays are of one length, one plant an index.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plants {
-    /// Stable and unique in a scene.
+    /// Stable and unique in a scene; below 2⁶³, for the sake of programs that know signed numbers only.
     pub id: Vec<u64>,
     /// Index into the biome's species.
     pub species: Vec<u16>,
@@ -80,7 +85,7 @@ mod tests {
 
     #[test]
     fn layers_keep_their_names() {
-        for layer in [Layer::Canopy, Layer::Undergrowth] {
+        for layer in Layer::ALL {
             assert_eq!(Layer::from_name(layer.name()), Some(layer));
         }
         assert_eq!(Layer::from_name("Canopy"), None);

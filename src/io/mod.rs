@@ -1,14 +1,18 @@
 //! Bytes to data and back: one format a file. Parsers take bytes and limits, know no paths, and never panic.
 
 pub mod ascii_grid;
+pub mod csv;
 pub mod elv;
 #[cfg(feature = "gdal")]
 pub mod gdal;
 pub mod geokeys;
+pub mod geoparquet;
 pub mod geotiff;
 pub mod las;
 mod number_text;
+pub mod projjson;
 pub mod raster_file;
+pub mod table;
 pub mod vector;
 mod window;
 pub mod wkt;

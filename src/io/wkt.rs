@@ -27,19 +27,42 @@ pub fn parse(text: &str) -> (Option<Crs>, Option<LengthUnit>) {
 
 /// One `KEYWORD[…]` of a text.
 #[derive(Debug)]
-struct Node<'a> {
+pub(super) struct Node<'a> {
     keyword: String,
     /// Quoted strings without their quotes, numbers and bare words, in order.
-    values: Vec<&'a str>,
-    children: Vec<Node<'a>>,
+    pub(super) values: Vec<&'a str>,
+    pub(super) children: Vec<Node<'a>>,
     /// The node as it stands in the text.
     text: &'a str,
 }
 
 impl Node<'_> {
-    fn is(&self, keywords: &[&str]) -> bool {
+    pub(super) fn is(&self, keywords: &[&str]) -> bool {
         keywords.contains(&self.keyword.as_str())
     }
+
+    /// The first child with one of these keywords.
+    pub(super) fn child(&self, keywords: &[&str]) -> Option<&Self> {
+        self.children.iter().find(|child| child.is(keywords))
+    }
+
+    /// The code that the EPSG registry has for the node.
+    pub(super) fn epsg(&self) -> Option<u32> {
+        self.children.iter().filter(|c| c.is(&["AUTHORITY", "ID"])).find_map(|id| {
+            let registry = id.values.first()?;
+            registry.eq_ignore_ascii_case("EPSG").then(|| id.values.get(1)?.parse().ok()).flatten()
+        })
+    }
+}
+
+/// The node of the horizontal CRS in a text.
+pub(super) fn horizontal(text: &str) -> Option<Node<'_>> {
+    let mut node = read_node(text)?;
+    while !is_horizontal(&node) {
+        let next = node.children.into_iter().find(|child| split(child).0.is_some())?;
+        node = next;
+    }
+    Some(node)
 }
 
 /// The horizontal and the vertical part of a CRS, where it has them.
@@ -52,7 +75,11 @@ fn split<'n, 'a>(node: &'n Node<'a>) -> (Option<&'n Node<'a>>, Option<&'n Node<'
     if node.is(&["VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS"]) {
         return (None, Some(node));
     }
-    let horizontal = [
+    (is_horizontal(node).then_some(node), None)
+}
+
+fn is_horizontal(node: &Node<'_>) -> bool {
+    node.is(&[
         "PROJCS",
         "PROJCRS",
         "PROJECTEDCRS",
@@ -61,16 +88,11 @@ fn split<'n, 'a>(node: &'n Node<'a>) -> (Option<&'n Node<'a>>, Option<&'n Node<'
         "GEOGRAPHICCRS",
         "GEODCRS",
         "GEODETICCRS",
-    ];
-    (node.is(&horizontal).then_some(node), None)
+    ])
 }
 
 fn crs(node: &Node<'_>) -> Option<Crs> {
-    let epsg = node.children.iter().filter(|c| c.is(&["AUTHORITY", "ID"])).find_map(|id| {
-        let registry = id.values.first()?;
-        registry.eq_ignore_ascii_case("EPSG").then(|| id.values.get(1)?.parse().ok()).flatten()
-    });
-    if let Some(code) = epsg {
+    if let Some(code) = node.epsg() {
         return Some(Crs::Epsg(code));
     }
     proj4wkt::wkt_to_projstring(node.text).ok().map(|p| Crs::of_proj(p.trim().to_owned()))

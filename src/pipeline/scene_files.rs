@@ -3,14 +3,22 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
+use std::path::Path;
+use std::sync::Arc;
 
 use super::Error;
 use crate::abiotics::{AbioticMaps, MonthlyTemperature};
 use crate::export::preview::{self, PreviewMaps, PreviewOptions};
-use crate::io::geotiff::{self, Band, BandSource, CogBands, CogError, CogOptions, StoredBands};
+use crate::io;
+use crate::io::geotiff::{
+    self, Band, BandSource, CogBands, CogError, CogOptions, SharedFile, StoredBands,
+};
+use crate::plants::Plants;
+use crate::plants::table::{self, TableFormat};
 use crate::progress::Reporter;
-use crate::raster::{Grid, MONTHS, Mask, MonthlyGrid};
+use crate::raster::{Frame, Grid, MONTHS, Mask, MonthlyGrid};
 use crate::scene::{StageEntry, Transaction};
+use crate::species::Biome;
 use crate::terrain::Terrain;
 
 const MONTH_NAMES: [&str; MONTHS] = [
@@ -123,6 +131,23 @@ impl<'a> StageFiles<'a> {
         Ok(())
     }
 
+    /// Writes the table of plants: `plants.parquet` or `plants.csv`.
+    #[allow(dead_code, reason = "growing canopy trees is the first to call it")]
+    pub fn plants(
+        &mut self,
+        plants: &Plants,
+        biome: &Biome,
+        frame: &Frame,
+        format: TableFormat,
+    ) -> Result<(), Error> {
+        let name = format!("plants.{}", format.name());
+        let hash = self
+            .transaction
+            .write(&name, |file: &mut File| table::write(file, plants, biome, frame, format))?;
+        self.files.insert(name, hash);
+        Ok(())
+    }
+
     /// Draws and writes `preview.png`.
     pub fn preview(
         &mut self,
@@ -152,6 +177,15 @@ impl<'a> StageFiles<'a> {
     }
 }
 
+/// The plants of a scene folder, from its `plants.parquet`.
+#[allow(dead_code, reason = "growing undergrowth is the first to call it")]
+pub fn read_plants(folder: &Path, biome: &Biome, frame: &Frame) -> Result<Plants, Error> {
+    let path = folder.join(format!("plants.{}", TableFormat::Parquet.name()));
+    let file =
+        SharedFile::open(&path).map_err(|source| io::Error::Read { path: path.clone(), source })?;
+    Ok(table::read(Arc::new(file), biome, frame, table::MAX_PLANTS).map_err(|e| e.at(&path))?)
+}
+
 struct Temperature<'a>(&'a MonthlyTemperature);
 
 impl BandSource for Temperature<'_> {
@@ -175,4 +209,41 @@ pub fn mean(values: &[f32], mask: &Mask) -> f64 {
     let valid = values.iter().zip(mask.as_slice()).filter(|(_, valid)| **valid);
     let sum: f64 = valid.map(|(v, _)| f64::from(*v)).sum();
     sum / (mask.valid_count().max(1) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plants::Layer;
+
+    #[test]
+    fn plants_of_a_scene_read_back() {
+        let home = tempfile::tempdir().unwrap();
+        let mut transaction = Transaction::begin(home.path()).unwrap();
+        let biome = Biome::builtin("sonoma").unwrap();
+        let frame = Frame::local(100, 100, 1.0);
+        let plants = Plants {
+            id: vec![7],
+            species: vec![2],
+            layer: vec![Layer::Undergrowth],
+            east_m: vec![12.5],
+            north_m: vec![50.0],
+            z_m: vec![-3.0],
+            height_m: vec![1.5],
+            crown_radius_m: vec![0.75],
+            dbh_m: vec![0.0],
+            age_years: vec![4.0],
+            vigor: vec![-0.125],
+        };
+        let mut files = StageFiles::new(&mut transaction);
+        for format in [TableFormat::Parquet, TableFormat::Csv] {
+            files.plants(&plants, &biome, &frame, format).unwrap();
+        }
+        let names: Vec<&str> = files.files.keys().map(String::as_str).collect();
+        assert_eq!(names, ["plants.csv", "plants.parquet"]);
+        let staged = std::fs::read_dir(home.path()).unwrap().next().unwrap().unwrap().path();
+        assert_eq!(read_plants(&staged, &biome, &frame).unwrap(), plants);
+        let error = read_plants(home.path(), &biome, &frame).unwrap_err();
+        assert!(error.is_bad_input() && error.to_string().contains("plants.parquet"), "{error}");
+    }
 }

@@ -95,6 +95,12 @@ impl Frame {
         self.transform.cell_m as f32 // cells are 0.1–100 m: no digits that matter are lost
     }
 
+    /// The map position of the grid's south-west corner, which positions in the scene are counted from.
+    pub fn south_west(&self) -> MapPoint {
+        let GeoTransform { west_m, north_m, cell_m } = self.transform;
+        MapPoint { east_m: west_m, north_m: north_m - self.rows as f64 * cell_m }
+    }
+
     /// The map position of the grid's middle.
     pub fn middle(&self) -> MapPoint {
         let t = &self.transform;

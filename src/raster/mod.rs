@@ -10,7 +10,7 @@ pub mod frame;
 pub mod grid;
 pub mod mask;
 pub mod projection;
-mod registry;
+pub(crate) mod registry;
 pub mod resample;
 pub mod source;
 pub mod warp;

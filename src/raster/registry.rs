@@ -35,10 +35,11 @@ const RELATIVE_TOLERANCE: f64 = 1e-9;
 
 /// What a PROJ string says, however it is written.
 #[derive(Debug, Default, PartialEq)]
-struct Definition {
-    words: BTreeMap<String, String>,
+pub(crate) struct Definition {
+    /// Texts and flags, by PROJ's names; UTM is unfolded to the transverse Mercator projection that it is.
+    pub(crate) words: BTreeMap<String, String>,
     /// Numbers that are not at their defaults.
-    numbers: BTreeMap<String, f64>,
+    pub(crate) numbers: BTreeMap<String, f64>,
     /// Parameters to WGS 84, where they are known.
     shift: Option<Vec<f64>>,
 }
@@ -63,7 +64,7 @@ pub(super) fn epsg_of(proj: &str) -> Option<u32> {
 
 impl Definition {
     /// `None` for degrees and for what is no definition.
-    fn of(proj: &str) -> Option<Self> {
+    pub(crate) fn of(proj: &str) -> Option<Self> {
         let mut definition = Self::default();
         let Self { words, numbers, shift } = &mut definition;
         for word in proj.split_whitespace() {

@@ -28,6 +28,16 @@ def run_import(inputs, folder, *options):
     return folder
 
 
+def run_grow(terrain, chm, folder, *options):
+    """A scene with canopy trees fitted to a canopy height model."""
+    if subprocess.run([WILDWOOD, "grow", "--help"], capture_output=True).returncode != 0:
+        pytest.skip("this wildwood has no command `grow`")
+    command = [WILDWOOD, "grow", terrain, "--chm", chm, "--biome", "sonoma", "-o", folder, "--quiet"]
+    done = subprocess.run([str(c) for c in [*command, *options]], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
 def scene_head(folder):
     """What scene.toml says of the scene as a whole."""
     return tomllib.loads((folder / "scene.toml").read_text(encoding="utf-8"))["scene"]
@@ -46,6 +56,16 @@ def hills(rows=96, cols=120, cell=2.0, amplitude=40.0):
     y, x = np.mgrid[0:rows, 0:cols] * cell
     waves = amplitude * np.sin(x / 47.0) * np.cos(y / 39.0)
     return (400.0 + waves + 0.11 * x - 0.07 * y).astype("float32")
+
+
+def canopy_pair(rows=120, cols=160, spacing=9, cell=1.0):
+    """Smooth ground, and over it round crowns on a grid: terrain and canopy height, float32."""
+    y, x = np.mgrid[0:rows, 0:cols]
+    tree_row, tree_col = y // spacing, x // spacing
+    top = 12.0 + 7.0 * ((3 * tree_row + 5 * tree_col) % 4)
+    off_y, off_x = y - (tree_row + 0.5) * spacing, x - (tree_col + 0.5) * spacing
+    canopy = top - (off_x**2 + off_y**2) * cell**2 / 8.0
+    return hills(rows, cols, cell, 8.0), np.maximum(canopy, 0.0).astype("float32")
 
 
 def write_tiff(path, values, cell=2.0, crs="EPSG:32611", west=500000.0, north=4100000.0, **options):
