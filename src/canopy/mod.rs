@@ -7,6 +7,9 @@
 //! Kapp et al. 2020, section 5, doi:10.1145/3414685.3417848.
 
 pub mod crowns;
+pub mod renderer;
 pub mod site;
 pub mod species_map;
 pub mod visibility;
+#[cfg(feature = "gpu")]
+pub mod visibility_gpu;
