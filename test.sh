@@ -28,6 +28,20 @@ if ! has_gdal; then
   skipped=" (checks against GDAL's programs skipped: install gdal-bin, libgdal-dev and pkg-config)"
 fi
 
+# for the kernels: Vulkan in software, which every machine can have
+has_vulkan() {
+  compgen -G '/usr/share/vulkan/icd.d/lvp_icd*.json' >/dev/null && [ -n "$(ldconfig -p 2>/dev/null | grep 'libvulkan\.so\.1')" ]
+}
+if ! has_vulkan && command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
+  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq mesa-vulkan-drivers libvulkan1 >/dev/null ||
+    echo "apt-get cannot install Vulkan"
+fi
+if has_vulkan; then
+  export REQUIRE_GPU=1
+else
+  skipped="$skipped (tests of GPU kernels skipped: install mesa-vulkan-drivers and libvulkan1)"
+fi
+
 step "Format"
 cargo fmt --check
 
@@ -39,6 +53,10 @@ RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --document-private-items --quiet
 
 step "Rust tests"
 cargo test --quiet
+
+step "Rust tests without the feature gpu"
+cargo clippy --quiet --no-default-features -- -D warnings
+cargo test --quiet --no-default-features --lib gpu::
 
 if has_gdal; then
   step "Rust tests of the feature gdal"

@@ -8,6 +8,7 @@ pub mod abiotics;
 pub mod canopy;
 pub mod cli;
 pub mod export;
+pub mod gpu;
 pub mod io;
 pub mod math;
 pub mod pipeline;

@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::gpu;
 use crate::io::las;
 use crate::pipeline;
 use crate::progress::Reporter;
@@ -61,7 +62,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let default_hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
-        if !las::is_caught_panic(info) {
+        if !las::is_caught_panic(info) && !gpu::is_caught_panic(info) {
             default_hook(info);
         }
     }));
