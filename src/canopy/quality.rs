@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
+use super::crowns::{middle_units, whole_root};
 use super::stand::Ground;
 use super::stand::Stand;
 use super::visibility::{NO_CROWN, Visibility};
-use super::crowns::{middle_units, whole_root};
 
 /// How well trees fit the canopy, on working cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
@@ -43,7 +43,11 @@ pub fn measure(ground: &Ground<'_>, stand: &Stand, visibility: &Visibility) -> Q
         .sum();
     let share = |part: u64, of: u64| if of == 0 { 0.0 } else { part as f64 / of as f64 };
     Quality {
-        coverage_fraction: if counts.canopy == 0 { 1.0 } else { share(counts.covered, counts.canopy) },
+        coverage_fraction: if counts.canopy == 0 {
+            1.0
+        } else {
+            share(counts.covered, counts.canopy)
+        },
         overhang_fraction: share(counts.overhanging, counts.overhanging + counts.covered),
         unsuitable_fraction: share(counts.unsuitable, counts.canopy),
         height_rmse_m: (squares / stand.len().max(1) as f64).sqrt(),

@@ -42,9 +42,7 @@ pub fn plants(ground: &Ground<'_>, site: &Site, stand: &Stand) -> Plants {
         layer: vec![Layer::Canopy; order.len()],
         // positions in a scene fit f32 to the millimetre up to 10 km
         east_m: by_order(&|tree| (f64::from(stand.crowns.x[tree]) * m_per_unit) as f32),
-        north_m: by_order(&|tree| {
-            (height_m - f64::from(stand.crowns.y[tree]) * m_per_unit) as f32
-        }),
+        north_m: by_order(&|tree| (height_m - f64::from(stand.crowns.y[tree]) * m_per_unit) as f32),
         z_m: by_order(&|tree| {
             let index = cells.index_at(stand.crowns.x[tree], stand.crowns.y[tree]);
             ground.elevation_m.values()[cells.scene_index(index)]

@@ -1,13 +1,13 @@
 //! `wildwood import`: terrain rasters or point clouds become a scene.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::{Outcome, Shared, terminal};
 use crate::pipeline::Error;
-use crate::pipeline::import::{self, DEFAULT_BIOME, ImportRequest};
+use crate::pipeline::import::{self, ImportRequest};
 use crate::progress::Reporter;
 use crate::raster::{Crs, LengthUnit, MapWindow};
 use crate::scene::Manifest;
@@ -22,9 +22,16 @@ pub struct ImportArguments {
     /// Scene folder to make or to bring up to date.
     #[arg(long, short, value_name = "FOLDER")]
     output: PathBuf,
-    /// Biome whose climate (and, later, species) the scene gets: sonoma, pyrenees.
-    #[arg(long, default_value = DEFAULT_BIOME)]
-    biome: String,
+    #[command(flatten)]
+    terrain: TerrainArguments,
+}
+
+/// How terrain files become a scene.
+#[derive(Args, Default)]
+pub struct TerrainArguments {
+    /// Biome whose climate and species the scene gets: sonoma, pyrenees [default: sonoma].
+    #[arg(long)]
+    biome: Option<String>,
     /// TOML file with a `[climate]` table, and if wanted `[soil]`, instead of the biome's.
     #[arg(long, value_name = "FILE")]
     climate: Option<PathBuf>,
@@ -56,15 +63,46 @@ pub struct ImportArguments {
     #[arg(long, value_name = "M2")]
     fill_holes: Option<f64>,
     /// How heights are drawn where cells differ from the input's.
-    #[arg(long, value_enum, default_value = "auto")]
+    #[arg(long, value_enum, default_value_t)]
     resampling: ResamplingArgument,
     /// Keep single cells that stand far off all their neighbours.
     #[arg(long)]
     keep_spikes: bool,
 }
 
+impl TerrainArguments {
+    /// Whether nothing was asked.
+    pub fn is_default(&self) -> bool {
+        let Self {
+            biome,
+            climate,
+            crs,
+            horizontal_unit,
+            vertical_unit,
+            bbox,
+            cell,
+            latitude,
+            fill_holes,
+            resampling,
+            keep_spikes,
+        } = self;
+        biome.is_none()
+            && climate.is_none()
+            && crs.is_none()
+            && horizontal_unit.is_none()
+            && vertical_unit.is_none()
+            && bbox.is_none()
+            && cell.is_none()
+            && latitude.is_none()
+            && fill_holes.is_none()
+            && matches!(resampling, ResamplingArgument::Auto)
+            && !keep_spikes
+    }
+}
+
+/// A unit of length on the command line.
 #[derive(Clone, Copy, ValueEnum)]
-enum Unit {
+pub enum Unit {
     /// Metres.
     M,
     /// International feet.
@@ -74,7 +112,8 @@ enum Unit {
 }
 
 impl Unit {
-    fn length(self) -> LengthUnit {
+    /// The unit itself.
+    pub fn length(self) -> LengthUnit {
         match self {
             Self::M => LengthUnit::Metre,
             Self::Ft => LengthUnit::Foot,
@@ -83,22 +122,26 @@ impl Unit {
     }
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, Default, ValueEnum)]
 enum ResamplingArgument {
     /// Average where cells grow, bicubic otherwise.
+    #[default]
     Auto,
     Bilinear,
     Bicubic,
 }
 
 pub fn run(arguments: &ImportArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
-    let manifest = import::run(&request(arguments, shared.seed)?, reporter)?;
+    let manifest = import::run(
+        &request(&arguments.inputs, &arguments.output, &arguments.terrain, shared.seed)?,
+        reporter,
+    )?;
     report(&arguments.output, &manifest, shared);
     Ok(())
 }
 
 /// Tells what the scene holds.
-pub fn report(folder: &std::path::Path, manifest: &Manifest, shared: &Shared) {
+pub fn report(folder: &Path, manifest: &Manifest, shared: &Shared) {
     let head = &manifest.scene;
     if shared.json {
         terminal::line(
@@ -121,10 +164,18 @@ pub fn report(folder: &std::path::Path, manifest: &Manifest, shared: &Shared) {
     }
 }
 
-fn request(arguments: &ImportArguments, seed: u64) -> Result<ImportRequest, Error> {
+/// The request of a command line.
+pub fn request(
+    inputs: &[PathBuf],
+    output: &Path,
+    arguments: &TerrainArguments,
+    seed: u64,
+) -> Result<ImportRequest, Error> {
     let usage = |what: String| Error::Usage { what };
-    let mut request = ImportRequest::new(arguments.inputs.clone(), arguments.output.clone());
-    request.biome.clone_from(&arguments.biome);
+    let mut request = ImportRequest::new(inputs.to_vec(), output.to_path_buf());
+    if let Some(biome) = &arguments.biome {
+        request.biome.clone_from(biome);
+    }
     request.climate_file.clone_from(&arguments.climate);
     request.seed = seed;
     let terrain = &mut request.terrain;

@@ -5,6 +5,7 @@
 mod bench;
 mod demo;
 mod doctor;
+mod grow;
 mod import;
 mod terminal;
 
@@ -52,6 +53,8 @@ enum Command {
     Demo(demo::DemoArguments),
     /// Turn terrain rasters or point clouds into a scene: terrain and abiotic maps.
     Import(import::ImportArguments),
+    /// Grow canopy trees on terrain, from a measured canopy height model or a point cloud.
+    Grow(Box<grow::GrowArguments>),
     /// Run standard workloads, one JSON line each.
     Bench(bench::BenchArguments),
     /// Say what was found on this machine.
@@ -85,6 +88,7 @@ pub fn main() -> ExitCode {
     let done = match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments, shared, &reporter),
         Command::Import(arguments) => import::run(arguments, shared, &reporter),
+        Command::Grow(arguments) => grow::run(arguments, shared, &reporter),
         Command::Bench(arguments) => bench::run(arguments, &reporter),
         Command::Doctor => doctor::run(shared.json),
     };

@@ -91,6 +91,16 @@ pub fn read(
     }
 }
 
+/// One band of a GeoTIFF whose bands are stored apart, as this program writes them; 0 is the first.
+///
+/// # Errors
+/// If the file cannot be read, is damaged, or has no such band.
+pub fn read_band(path: &Path, band: usize, limits: &Limits) -> Result<SourceRaster, Error> {
+    let failed = |source| Error::Read { path: path.to_path_buf(), source };
+    let source = SharedFile::open(path).map_err(failed)?;
+    geotiff::parse_band(&source, band, None, limits).map_err(|e| e.at(path))
+}
+
 #[cfg(feature = "gdal")]
 fn other(path: &Path, window: Option<&MapWindow>, limits: &Limits) -> Result<SourceRaster, Error> {
     super::gdal::read(path, window, limits)

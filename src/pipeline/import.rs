@@ -371,7 +371,7 @@ fn in_units_of(
 }
 
 /// Whether a file is a point cloud, by its first bytes or its name.
-fn is_cloud(path: &Path) -> bool {
+pub(super) fn is_cloud(path: &Path) -> bool {
     let mut start = [0; 4];
     let begins_as_one = File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok()
         && start == *b"LASF";
@@ -397,7 +397,7 @@ fn climate(request: &ImportRequest) -> Result<Climate, Error> {
     Climate::from_toml(&text).map_err(in_file)
 }
 
-fn hash_inputs(paths: &[PathBuf]) -> Result<Vec<Input>, Error> {
+pub(super) fn hash_inputs(paths: &[PathBuf]) -> Result<Vec<Input>, Error> {
     let mut inputs: Vec<Input> = Vec::with_capacity(paths.len());
     for path in paths {
         let failed = |source| io::Error::Read { path: path.clone(), source };
@@ -427,7 +427,7 @@ fn refuse_copies(paths: &[PathBuf], inputs: &[Input]) -> Result<(), Error> {
     Ok(())
 }
 
-fn key(parts: &[&str]) -> String {
+pub(super) fn key(parts: &[&str]) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&RESULTS_VERSION.to_le_bytes());
     for part in parts {
@@ -437,7 +437,7 @@ fn key(parts: &[&str]) -> String {
     hasher.finalize().to_hex().to_string()
 }
 
-fn load_terrain(folder: &Path, manifest: &Manifest) -> Result<Terrain, Error> {
+pub(super) fn load_terrain(folder: &Path, manifest: &Manifest) -> Result<Terrain, Error> {
     let path = folder.join("terrain.tif");
     let head = &manifest.scene;
     let broken = |problem: String| {
@@ -534,7 +534,7 @@ fn abiotic_figures(maps: &AbioticMaps) -> toml::Table {
 }
 
 /// Parameters as the manifest records them.
-fn parameters<P: serde::Serialize>(params: &P) -> Result<toml::Table, Error> {
+pub(super) fn parameters<P: serde::Serialize>(params: &P) -> Result<toml::Table, Error> {
     toml::Table::try_from(params).map_err(|e| Error::Failed { what: format!("parameters: {e}") })
 }
 

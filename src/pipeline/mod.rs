@@ -1,11 +1,12 @@
 //! The order of stages: reads inputs, runs what is out of date, writes the scene folder.
 //!
 //! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write);
-//! [`exclusion`] and [`brush`] (what a user keeps free or paints).
+//! [`grow`] (canopy trees), [`exclusion`] and [`brush`] (what a user keeps free or paints).
 
 pub mod brush;
 pub mod demo;
 pub mod exclusion;
+pub mod grow;
 pub mod import;
 mod onto_scene;
 mod scene_files;

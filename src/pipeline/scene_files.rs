@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use super::Error;
 use crate::abiotics::{AbioticMaps, MonthlyTemperature};
+use crate::canopy::species_map::{NO_SPECIES, SpeciesMap};
 use crate::export::preview::{self, PreviewMaps, PreviewOptions};
 use crate::io;
 use crate::io::geotiff::{
@@ -132,7 +133,6 @@ impl<'a> StageFiles<'a> {
     }
 
     /// Writes the table of plants: `plants.parquet` or `plants.csv`.
-    #[allow(dead_code, reason = "growing canopy trees is the first to call it")]
     pub fn plants(
         &mut self,
         plants: &Plants,
@@ -166,14 +166,36 @@ impl<'a> StageFiles<'a> {
             river: Some(maps.river.values()),
             canopy: None,
         };
-        let picture = preview::preview(terrain, &shown, options);
+        self.picture(options, terrain, &shown)?;
+        stage.advance(1);
+        Ok(())
+    }
+
+    /// Draws and writes `preview.png` with the maps given.
+    pub fn picture(
+        &mut self,
+        options: &PreviewOptions,
+        terrain: &Terrain,
+        maps: &PreviewMaps<'_>,
+    ) -> Result<(), Error> {
+        let picture = preview::preview(terrain, maps, options);
         let hash = self.transaction.write("preview.png", |file| {
             let png = preview::encode_png(&picture).map_err(std::io::Error::other)?;
             std::io::Write::write_all(file, &png)
         })?;
         self.files.insert("preview.png".to_owned(), hash);
-        stage.advance(1);
         Ok(())
+    }
+
+    /// Writes a species map: a species' place in the biome file, from 0; the band's name lists the keys.
+    pub fn species(&mut self, file: &str, map: &SpeciesMap, biome: &Biome) -> Result<(), Error> {
+        let valid = map.values().iter().map(|species| *species != NO_SPECIES).collect();
+        let mask = Arc::new(Mask::new(valid));
+        let values: Vec<f32> = map.values().iter().map(|species| f32::from(*species)).collect();
+        let grid = Grid::new(Arc::clone(map.frame()), mask, values);
+        let keys = biome.species.iter().enumerate();
+        let names: Vec<String> = keys.map(|(i, species)| format!("{i} {}", species.key)).collect();
+        self.grid(file, &format!("species: {}", names.join(", ")), "", &grid)
     }
 }
 

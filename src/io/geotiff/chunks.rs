@@ -116,6 +116,22 @@ impl Chunks {
         Ok(())
     }
 
+    /// The chunks of another band, 0 being the first, where bands are stored apart.
+    pub(super) fn of_band(mut self, band: usize, file_len: u64) -> Result<Self, ParseError> {
+        if band == 0 {
+            return Ok(self);
+        }
+        let per_plane = self.across() * self.down();
+        let chunks = band.saturating_mul(per_plane)..(band + 1).saturating_mul(per_plane);
+        if self.offsets.len() < chunks.end {
+            return Err(damaged(format!("band {} is not there, or not stored apart", band + 1)));
+        }
+        self.offsets = self.offsets[chunks.clone()].to_vec();
+        self.byte_counts = self.byte_counts[chunks].to_vec();
+        self.check(1, file_len)?;
+        Ok(self)
+    }
+
     /// The first band's cells in `range`.
     pub(super) fn decode<S: ByteSource + ?Sized>(
         &self,

@@ -14,6 +14,6 @@ pub mod source;
 mod tiles;
 pub mod write;
 
-pub use read::parse;
+pub use read::{parse, parse_band};
 pub use source::{ByteSource, SharedFile};
 pub use write::{Band, BandSource, CogBands, CogError, CogOptions, NODATA, StoredBands, write_cog};

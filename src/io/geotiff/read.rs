@@ -100,8 +100,21 @@ pub fn parse<S: ByteSource + ?Sized>(
     window: Option<&MapWindow>,
     limits: &Limits,
 ) -> Result<SourceRaster, ParseError> {
+    parse_band(source, 0, window, limits)
+}
+
+/// Like [`parse`], of another band, 0 being the first; only where bands are stored apart, as this module writes them.
+///
+/// # Errors
+/// Like [`parse`], and if there is no such band.
+pub fn parse_band<S: ByteSource + ?Sized>(
+    source: &S,
+    band: usize,
+    window: Option<&MapWindow>,
+    limits: &Limits,
+) -> Result<SourceRaster, ParseError> {
     let directory = Directory::read(source)?;
-    let chunks = chunks(&directory, source.len(), limits)?;
+    let chunks = chunks(&directory, source.len(), limits)?.of_band(band, source.len())?;
     if directory.following().iter().any(is_mask_of_full_image) {
         return Err(ParseError::new(
             "the file keeps its nodata as a mask of its own, which is not read",
@@ -437,6 +450,15 @@ mod tests {
         let mut out = Cursor::new(Vec::new());
         write_cog(&mut out, &raster, options).unwrap();
         out.into_inner()
+    }
+
+    #[test]
+    fn other_bands_of_our_own_files_are_read() {
+        let file = written(3, 2, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], &[true; 6]);
+        let read = |band| parse_band(&file[..], band, None, &Limits::default());
+        assert_eq!(read(0).unwrap().values, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        assert_eq!(read(1).unwrap().values, [-1.0; 6]);
+        assert!(read(2).unwrap_err().to_string().contains("band 3"));
     }
 
     #[test]

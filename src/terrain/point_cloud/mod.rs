@@ -10,6 +10,8 @@ pub mod synthetic;
 mod triangulation;
 mod voids;
 
+pub use canopy::without_pits;
+
 use std::sync::Arc;
 
 use crate::io::las::PointCloud;

@@ -1,0 +1,138 @@
+//! `wildwood grow`: terrain and a measured canopy become a forest.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::import::{self, TerrainArguments, Unit};
+use super::{Outcome, Shared, terminal};
+use crate::gpu::GpuChoice;
+use crate::pipeline::Error;
+use crate::pipeline::grow::{self, CanopyRequest, GroundSource, GrowRequest, STAGE};
+use crate::plants::table::TableFormat;
+use crate::progress::Reporter;
+use crate::scene::Manifest;
+
+/// What `wildwood grow` takes.
+#[derive(Args)]
+pub struct GrowArguments {
+    /// Terrain (GeoTIFF, COG, ESRI ASCII grid, .elv), a point cloud (LAS, LAZ, COPC), or a scene folder.
+    #[arg(required = true, value_name = "DEM|LAZ|FOLDER")]
+    inputs: Vec<PathBuf>,
+    /// Scene folder to make or to bring up to date [default: the scene folder given].
+    #[arg(long, short, value_name = "FOLDER")]
+    output: Option<PathBuf>,
+    /// Measured canopy height model: a raster of heights above ground. Point clouds bring their own.
+    #[arg(long, value_name = "RASTER")]
+    chm: Option<PathBuf>,
+    /// Unit of the canopy's heights, where the file's header is silent or wrong.
+    #[arg(long, value_enum)]
+    chm_unit: Option<Unit>,
+    /// Target shares of the canopy, as redwood=0.4,douglas-fir=0.3; what is left over goes to the best suited.
+    #[arg(long, value_name = "SPECIES=SHARE,…")]
+    shares: Option<String>,
+    /// Raster of region numbers (0: unpainted), with shares of their own by --brush-regions.
+    #[arg(long, value_name = "RASTER", requires = "brush_regions")]
+    brush: Option<PathBuf>,
+    /// TOML file that says what the brush's region numbers mean.
+    #[arg(long, value_name = "TOML", requires = "brush")]
+    brush_regions: Option<PathBuf>,
+    /// Ground without trees, as a raster (not 0) or shapes (GeoJSON, shapefile): roads, buildings. May be given again.
+    #[arg(long, value_name = "FILE")]
+    exclude: Vec<PathBuf>,
+    /// Width that lines and points of --exclude get.
+    #[arg(long, value_name = "METRES", default_value_t = CanopyRequest::default().exclude_width_m)]
+    exclude_width: f64,
+    /// Cells at least this high are canopy.
+    #[arg(long, value_name = "METRES", default_value_t = CanopyRequest::default().placement.canopy_min_height_m)]
+    min_height: f32,
+    /// Format of the table of plants.
+    #[arg(long, value_name = "FORMAT", default_value = "parquet", value_parser = table_format)]
+    table: TableFormat,
+    /// Graphics card: auto uses one where there is one, require fails without. Results are the same.
+    #[arg(long, value_name = "auto|off|require", default_value_t)]
+    gpu: GpuChoice,
+    #[command(flatten)]
+    terrain: TerrainArguments,
+}
+
+fn table_format(name: &str) -> Result<TableFormat, String> {
+    TableFormat::from_name(name).ok_or_else(|| "give parquet or csv".to_owned())
+}
+
+pub fn run(arguments: &GrowArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
+    let (ground, folder) = ground(arguments, shared.seed)?;
+    let mut canopy = CanopyRequest {
+        shares: arguments.shares.clone(),
+        brush: arguments.brush.clone().zip(arguments.brush_regions.clone()).map(Into::into),
+        exclude: arguments.exclude.clone(),
+        exclude_width_m: arguments.exclude_width,
+        table: arguments.table,
+        gpu: arguments.gpu,
+        ..CanopyRequest::default()
+    };
+    if !(arguments.min_height > 0.0 && arguments.min_height < 100.0) {
+        let what = format!("--min-height {}: give metres above 0", arguments.min_height);
+        return Err(Error::Usage { what });
+    }
+    canopy.placement.canopy_min_height_m = arguments.min_height;
+    let chm_unit = arguments.chm_unit.map(Unit::length);
+    let request = GrowRequest { ground, chm: arguments.chm.clone(), chm_unit, canopy };
+    let manifest = grow::run(&request, reporter)?;
+    import::report(&folder, &manifest, shared);
+    report_trees(&manifest, shared);
+    Ok(())
+}
+
+/// The ground to grow on, and the scene folder.
+fn ground(arguments: &GrowArguments, seed: u64) -> Result<(GroundSource, PathBuf), Error> {
+    let usage = |what: String| Err(Error::Usage { what });
+    let given = &arguments.inputs[0];
+    if !given.is_dir() {
+        let Some(output) = &arguments.output else {
+            return usage("name the scene folder to make with -o FOLDER".to_owned());
+        };
+        let import = import::request(&arguments.inputs, output, &arguments.terrain, seed)?;
+        return Ok((GroundSource::Files(Box::new(import)), output.clone()));
+    }
+    if arguments.inputs.len() > 1 {
+        return usage("give one scene folder, or terrain files".to_owned());
+    }
+    let is_elsewhere = |output: &&PathBuf| !is_same(output, given);
+    if let Some(output) = arguments.output.as_ref().filter(is_elsewhere) {
+        let (given, output) = (given.display(), output.display());
+        return usage(format!(
+            "a scene folder is grown in place: leave -o {output} out, or copy {given}"
+        ));
+    }
+    if !arguments.terrain.is_default() {
+        let given = given.display();
+        return usage(format!(
+            "{given} has its terrain and climate already; options of those need the terrain files (wildwood grow DEM --chm CHM …)"
+        ));
+    }
+    Ok((GroundSource::Scene(given.clone()), given.clone()))
+}
+
+fn is_same(a: &Path, b: &Path) -> bool {
+    match (a.canonicalize(), b.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => a == b,
+    }
+}
+
+/// One line of what grew.
+pub fn report_trees(manifest: &Manifest, shared: &Shared) {
+    let Some(entry) = manifest.stages.get(STAGE) else { return };
+    if shared.json || shared.quiet {
+        return;
+    }
+    let number = |key: &str| entry.figures.get(key).and_then(toml::Value::as_float).unwrap_or(0.0);
+    let trees = entry.figures.get("trees").and_then(toml::Value::as_integer).unwrap_or(0);
+    terminal::say(&format!(
+        "{trees} canopy trees: {:.1} % of the canopy under crowns, {:.1} % of crowns off it; heights within {:.1} m of the canopy",
+        100.0 * number("coverage_fraction"),
+        100.0 * number("overhang_fraction"),
+        number("height_rmse_m"),
+    ));
+}

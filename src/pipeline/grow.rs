@@ -1,0 +1,595 @@
+//! Canopy trees into a scene folder: terrain and abiotic maps where they are missing, then species and trees.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::import::{self, ImportRequest};
+use super::scene_files::{StageFiles, mean};
+use super::{Error, brush, exclusion};
+use crate::canopy::brush::Brush;
+use crate::canopy::limits;
+use crate::canopy::placement::{self, Placed, PlacementError, PlacementParams};
+use crate::canopy::quality::{self, Quality};
+use crate::canopy::renderer;
+use crate::canopy::shares::Shares;
+use crate::canopy::site::Site;
+use crate::canopy::species_map::{self, MOST_MISS_FRACTION, SpeciesOutcome, SpeciesParams};
+use crate::canopy::stand::Ground;
+use crate::canopy::trees;
+use crate::canopy::visibility::CpuVisibility;
+use crate::canopy::working_cells::WorkingCells;
+use crate::export::preview::{CanopyLayer, PreviewMaps, PreviewOptions};
+use crate::gpu::{Device, GpuChoice};
+use crate::io::{Limits, raster_file};
+use crate::plants::Plants;
+use crate::plants::table::TableFormat;
+use crate::progress::{Reporter, Warning};
+use crate::raster::{Crs, Frame, Grid, MONTHS, Mask};
+use crate::scene::{self, Manifest, StageEntry, Transaction};
+use crate::species::Biome;
+use crate::terrain::Terrain;
+use crate::terrain::import::Resampling;
+use crate::terrain::onto_frame::registered;
+use crate::terrain::point_cloud::without_pits;
+
+/// Name of the stage in `scene.toml`.
+pub const STAGE: &str = "canopy";
+
+/// Heights above this are no canopy. The tallest tree known is 116 m.
+const MOST_CANOPY_HEIGHT_M: f32 = 120.0;
+/// Share of such cells from which the raster is no canopy height model. chosen: towers and wires are fewer.
+const MOST_TOO_HIGH_FRACTION: f64 = 0.01;
+/// Heights below this are a mark of nodata that the file does not declare.
+const LEAST_CANOPY_HEIGHT_M: f32 = -100.0;
+/// A canopy height model this much finer than the scene loses what is averaged away.
+const FINER_FACTOR: f64 = 1.5;
+/// Share of the canopy without any suitable species that is worth a warning.
+const WARN_UNSUITABLE_FRACTION: f64 = 0.02;
+
+/// What terrain trees are grown on.
+#[derive(Clone, Debug)]
+pub enum GroundSource {
+    /// Terrain files, imported into the scene where they are not yet.
+    Files(Box<ImportRequest>),
+    /// A scene folder that has terrain and abiotic maps.
+    Scene(PathBuf),
+}
+
+/// How canopy trees are grown.
+#[derive(Clone, Debug)]
+pub struct CanopyRequest {
+    /// Target shares of species, as `redwood=0.4,douglas-fir=0.3`.
+    pub shares: Option<String>,
+    /// Painted regions and what their numbers mean.
+    pub brush: Option<[PathBuf; 2]>,
+    /// Rasters and shapes that are kept free of trees.
+    pub exclude: Vec<PathBuf>,
+    /// Width that lines and points of those get, m.
+    pub exclude_width_m: f64,
+    /// Placement.
+    pub placement: PlacementParams,
+    /// Format of the table of plants.
+    pub table: TableFormat,
+    /// Whether the graphics card is used.
+    pub gpu: GpuChoice,
+}
+
+impl Default for CanopyRequest {
+    fn default() -> Self {
+        Self {
+            shares: None,
+            brush: None,
+            exclude: Vec::new(),
+            exclude_width_m: exclusion::DEFAULT_WIDTH_M,
+            placement: PlacementParams::default(),
+            table: TableFormat::default(),
+            gpu: GpuChoice::default(),
+        }
+    }
+}
+
+/// A forest to grow.
+#[derive(Clone, Debug)]
+pub struct GrowRequest {
+    /// The ground.
+    pub ground: GroundSource,
+    /// The measured canopy height model; without it that of the point cloud.
+    pub chm: Option<PathBuf>,
+    /// Unit of its heights, where its header is silent or wrong.
+    pub chm_unit: Option<crate::raster::LengthUnit>,
+    /// The trees.
+    pub canopy: CanopyRequest,
+}
+
+/// What trees are grown on, all on one frame.
+pub struct CanopyInput<'a> {
+    /// The ground.
+    pub terrain: &'a Terrain,
+    /// What it offers over the year.
+    pub site: &'a Site,
+    /// Height of the canopy.
+    pub chm_m: &'a Grid<f32>,
+    /// Where trees may stand.
+    pub allowed: &'a Mask,
+    /// The species.
+    pub biome: &'a Biome,
+    /// Painted regions.
+    pub brush: Option<&'a Brush>,
+}
+
+/// Grown canopy trees.
+#[derive(Clone, Debug)]
+pub struct GrownCanopy {
+    /// The trees.
+    pub plants: Plants,
+    /// Who stands where, and how far that is what was asked.
+    pub species: SpeciesOutcome,
+    /// How well the trees fit the canopy.
+    pub quality: Quality,
+    /// Rounds of placement.
+    pub rounds: usize,
+    /// Cells along a scene cell's side that trees were placed on.
+    pub working_cells_per_cell: usize,
+    /// The graphics card that rendered, if one did.
+    pub gpu: Option<String>,
+}
+
+/// Grows trees, or does nothing where the scene is up to date; gives its manifest.
+///
+/// # Errors
+/// Bad input, a full disk, a cancelled run; the folder then holds at most terrain and abiotic maps more than before.
+pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error> {
+    let (folder, mut manifest) = match &request.ground {
+        GroundSource::Files(import) => {
+            refuse_two_canopies(request, import)?;
+            (import.folder.clone(), import::run(import, reporter)?)
+        }
+        GroundSource::Scene(folder) => {
+            let manifest = Manifest::read(folder)?;
+            (folder.clone(), manifest.ok_or_else(|| no_scene(folder))?)
+        }
+    };
+    let biome = Biome::builtin(&manifest.scene.biome)?;
+    let shares = match &request.canopy.shares {
+        Some(text) => Shares::parse(text, &biome)?,
+        None => Shares::default(),
+    };
+
+    // what the trees depend on
+    let of_stage = |stage: &str| {
+        manifest.stages.get(stage).map(|entry| entry.key.clone()).ok_or_else(|| no_scene(&folder))
+    };
+    let given: Vec<PathBuf> = (request.chm.iter())
+        .chain(&request.canopy.exclude)
+        .chain(request.canopy.brush.iter().flatten())
+        .cloned()
+        .collect();
+    let inputs = import::hash_inputs(&given)?;
+    let canopy = &request.canopy;
+    let key = import::key(&[
+        STAGE,
+        &of_stage("terrain")?,
+        &of_stage("abiotics")?,
+        &format!("{biome:?} {} {inputs:?} {:?}", manifest.scene.seed, request.chm_unit),
+        &format!(
+            "{:?} {:?} {} {:?} {:?}",
+            canopy.shares,
+            canopy.brush.is_some(),
+            canopy.exclude_width_m,
+            canopy.placement,
+            canopy.table
+        ),
+    ]);
+    if manifest.is_current(&folder, STAGE, &key)? {
+        return Ok(manifest);
+    }
+
+    // read, grow, write
+    let terrain = import::load_terrain(&folder, &manifest)?;
+    let frame = Arc::clone(terrain.elevation_m.frame());
+    let chm_m = canopy_height(request, &folder, &manifest, &frame, reporter)?;
+    let allowed = allowed(&terrain, canopy, reporter)?;
+    let brush = match &canopy.brush {
+        None => None,
+        Some([raster, regions]) => {
+            Some(brush::read_brush(raster, regions, &frame, &biome, &Limits::default(), reporter)?)
+        }
+    };
+    let site = read_site(&folder, &terrain, reporter)?;
+    let input = CanopyInput {
+        terrain: &terrain,
+        site: &site,
+        chm_m: &chm_m,
+        allowed: &allowed,
+        biome: &biome,
+        brush: brush.as_ref(),
+    };
+    let grown = grow(&input, shares, manifest.scene.seed, canopy, reporter)?;
+    let discharge_m3_s = read_band(&folder, "discharge.tif", 0, &terrain)?;
+    let mut transaction = Transaction::begin(&folder)?;
+    let parameters = parameters(request)?;
+    let entry = write(
+        &input,
+        &grown,
+        discharge_m3_s,
+        canopy,
+        &folder,
+        &mut transaction,
+        (key, parameters),
+        reporter,
+    )?;
+    record(&mut manifest, entry);
+    manifest.inputs.extend(
+        inputs.into_iter().filter(|input| !manifest.inputs.contains(input)).collect::<Vec<_>>(),
+    );
+    reporter.check_cancelled()?;
+    transaction.commit(&manifest)?;
+    Ok(manifest)
+}
+
+/// Makes the stage's entry the owner of its files, which earlier stages may have written too (`preview.png`).
+pub(super) fn record(manifest: &mut Manifest, entry: StageEntry) {
+    for stage in manifest.stages.values_mut() {
+        stage.files.retain(|file, _| !entry.files.contains_key(file));
+    }
+    manifest.stages.insert(STAGE.to_owned(), entry);
+}
+
+fn no_scene(folder: &Path) -> Error {
+    let what = format!(
+        "{}: holds no terrain and abiotic maps; give a terrain file (wildwood grow DEM --chm CHM -o FOLDER), or import one first",
+        folder.display()
+    );
+    Error::Usage { what }
+}
+
+fn refuse_two_canopies(request: &GrowRequest, import: &ImportRequest) -> Result<(), Error> {
+    match (&request.chm, import.inputs.iter().find(|path| import::is_cloud(path))) {
+        (Some(chm), Some(cloud)) => {
+            let what = format!(
+                "{} measures the canopy itself; leave --chm {} out",
+                cloud.display(),
+                chm.display()
+            );
+            Err(Error::Usage { what })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Grows the canopy trees of a canopy height model.
+///
+/// # Errors
+/// A cancelled run, or a graphics card that is missing or fails.
+pub fn grow(
+    input: &CanopyInput<'_>,
+    shares: Shares,
+    seed: u64,
+    request: &CanopyRequest,
+    reporter: &Reporter,
+) -> Result<GrownCanopy, Error> {
+    let CanopyInput { terrain, site, chm_m, allowed, biome, brush } = input;
+    let gpu_failed = |e: crate::gpu::GpuError| Error::Failed { what: e.to_string() };
+    let device = Device::open(request.gpu).map_err(gpu_failed)?;
+    let mut renderer =
+        renderer::on_device_or(device.as_ref(), Box::new(CpuVisibility)).map_err(gpu_failed)?;
+
+    // species
+    let canopy_min_height_m = request.placement.canopy_min_height_m;
+    let params = SpeciesParams { shares, canopy_min_height_m, seed, ..SpeciesParams::default() };
+    let species = species_map::run(site, chm_m, allowed, biome, &params, *brush, reporter)?;
+    tell_of_species(&species, biome, reporter);
+
+    // trees; ground that is kept free is no canopy
+    let is_land: Vec<bool> =
+        chm_m.mask().as_slice().iter().zip(allowed.as_slice()).map(|(a, b)| *a && *b).collect();
+    let frame = Arc::clone(chm_m.frame());
+    let chm_m = Grid::new(frame, Arc::new(Mask::new(is_land)), chm_m.values().to_vec());
+    let cells = WorkingCells::new(&chm_m, canopy_min_height_m);
+    let lowest_m = terrain.elevation_m.range().map_or(0.0, |(lowest, _)| lowest);
+    let ground = Ground {
+        cells: &cells,
+        chm_m: &chm_m,
+        elevation_m: &terrain.elevation_m,
+        lowest_m,
+        species: &species.map,
+        biome,
+    };
+    let placed = placement::place(&ground, &request.placement, &mut *renderer, reporter);
+    let Placed { stand, visibility, rounds } = placed.map_err(|e| match e {
+        PlacementError::Cancelled(_) => Error::Cancelled,
+        other => Error::Failed { what: other.to_string() },
+    })?;
+    if stand.is_empty() {
+        let text = format!(
+            "no trees: no canopy of {canopy_min_height_m} m or more that a species can stand in"
+        );
+        reporter.warn(Warning::Other { text });
+    }
+    let quality = quality::measure(&ground, &stand, &visibility);
+    Ok(GrownCanopy {
+        plants: trees::plants(&ground, site, &stand),
+        quality,
+        rounds,
+        working_cells_per_cell: cells.per_cell,
+        gpu: device.as_ref().map(|device| device.adapter().to_string()),
+        species,
+    })
+}
+
+/// Warns of shares that could not be reached, and of canopy that no species can stand in.
+fn tell_of_species(outcome: &SpeciesOutcome, biome: &Biome, reporter: &Reporter) {
+    for region in &outcome.regions {
+        let place = region.name.as_ref().map_or_else(String::new, |name| format!("{name}: "));
+        for share in &region.species {
+            let missed = share
+                .target_fraction
+                .is_some_and(|target| (target - share.reached_fraction).abs() > MOST_MISS_FRACTION);
+            if let (true, Some(target)) = (missed, share.target_fraction) {
+                let why = share.reason.as_ref().map_or_else(String::new, |why| format!(": {why}"));
+                let key = &biome.species[share.species].key;
+                let (target, reached) = (100.0 * target, 100.0 * share.reached_fraction);
+                let text = format!(
+                    "{place}{key} has {reached:.1} % of the canopy where {target:.1} % was asked{why}"
+                );
+                reporter.warn(Warning::Other { text });
+            }
+        }
+        let empty = region.empty_cells as f64 / region.canopy_cells.max(1) as f64;
+        if empty > WARN_UNSUITABLE_FRACTION {
+            let why = limits::in_words(&region.empty_by_limit, region.canopy_cells);
+            let text = format!(
+                "{place}{:.1} % of the canopy stays without trees, because none of the biome's species can stand there ({why}); try another --biome or --climate",
+                100.0 * empty
+            );
+            reporter.warn(Warning::Other { text });
+        }
+    }
+}
+
+/// The canopy height model on the scene's frame: the user's, or the point cloud's.
+fn canopy_height(
+    request: &GrowRequest,
+    folder: &Path,
+    manifest: &Manifest,
+    frame: &Arc<Frame>,
+    reporter: &Reporter,
+) -> Result<Grid<f32>, Error> {
+    let Some(path) = &request.chm else {
+        let is_measured = manifest.files().any(|file| file == "chm.tif");
+        if !is_measured {
+            let what = format!(
+                "{}: no canopy height; give one with --chm FILE, or grow from a point cloud (LAS, LAZ)",
+                folder.display()
+            );
+            return Err(Error::Usage { what });
+        }
+        let raster = raster_file::read(&folder.join("chm.tif"), None, &Limits::default())?;
+        let mask = Arc::new(Mask::new(raster.valid));
+        return Ok(Grid::new(Arc::clone(frame), mask, raster.values));
+    };
+    let mut raster = raster_file::read(path, None, &Limits::default())?;
+    let say = |text: String| reporter.warn(Warning::Other { text });
+    let named = path.display();
+
+    // unit and sense of the heights
+    if let Some(unit) = request.chm_unit.or(raster.vertical_unit) {
+        let factor = unit.metres() as f32; // 1 or about 0.3
+        raster.values.iter_mut().for_each(|height| *height *= factor);
+    }
+    let too_high = |(h, valid): &(&f32, &bool)| **valid && **h > MOST_CANOPY_HEIGHT_M;
+    let too_high_cells = raster.values.iter().zip(&raster.valid).filter(too_high).count();
+    let valid_cells = raster.valid.iter().filter(|valid| **valid).count();
+    if too_high_cells as f64 > MOST_TOO_HIGH_FRACTION * valid_cells as f64 {
+        let what = format!(
+            "{named}: {:.0} % of the cells are higher than {MOST_CANOPY_HEIGHT_M} m; a canopy height model holds heights above ground: subtract the terrain if this is a surface model, or give --chm-unit ft",
+            100.0 * too_high_cells as f64 / valid_cells as f64
+        );
+        return Err(Error::Usage { what });
+    }
+    for (height, valid) in raster.values.iter_mut().zip(&mut raster.valid) {
+        *valid &= (LEAST_CANOPY_HEIGHT_M..=MOST_CANOPY_HEIGHT_M).contains(height);
+        *height = if *valid { height.max(0.0) } else { 0.0 };
+    }
+    if too_high_cells > 0 {
+        say(format!(
+            "{named}: {too_high_cells} cells higher than {MOST_CANOPY_HEIGHT_M} m are left out"
+        ));
+    }
+
+    // onto the scene
+    let crs = match (&raster.crs, &frame.crs) {
+        (Some(crs), scene) if *crs != Crs::Local && *scene != Crs::Local => crs.clone(),
+        (crs, scene) => {
+            if crs.as_ref().is_some_and(|crs| crs != scene) || crs.is_none() {
+                say(format!("{named}: its coordinates are taken for the scene's ({scene})"));
+            }
+            scene.clone()
+        }
+    };
+    let cell_m = f64::hypot(raster.affine.col_dx, raster.affine.col_dy);
+    if crs == frame.crs && cell_m * FINER_FACTOR < frame.transform.cell_m {
+        say(format!(
+            "{named}: cells of {cell_m} m are averaged to the scene's {} m; give --cell {cell_m} to keep their detail",
+            frame.transform.cell_m
+        ));
+    }
+    let chm_m = registered(&raster, &crs, frame, Resampling::Auto, reporter)?;
+    if chm_m.mask().valid_count() == 0 {
+        let what = format!("{named}: does not overlap the terrain; check its CRS and place");
+        return Err(Error::Usage { what });
+    }
+    let (chm_m, pits) = without_pits(&chm_m);
+    if pits > 0 {
+        say(format!("{named}: filled pits in the canopy: {pits} cells"));
+    }
+    Ok(chm_m)
+}
+
+/// Land where trees may stand.
+fn allowed(terrain: &Terrain, request: &CanopyRequest, reporter: &Reporter) -> Result<Mask, Error> {
+    let frame = terrain.elevation_m.frame();
+    let mut allowed = terrain.elevation_m.mask().as_slice().to_vec();
+    for path in &request.exclude {
+        let limits = Limits::default();
+        let free =
+            exclusion::read_exclusion(path, request.exclude_width_m, frame, &limits, reporter)?;
+        allowed.iter_mut().zip(free.as_slice()).for_each(|(allowed, free)| *allowed &= *free);
+    }
+    Ok(Mask::new(allowed))
+}
+
+/// Yearly means of the scene's maps.
+fn read_site(folder: &Path, terrain: &Terrain, reporter: &Reporter) -> Result<Site, Error> {
+    let stage = reporter.stage("read maps", 3 * MONTHS as u64);
+    let yearly = |file: &str| {
+        // one month at a time: twelve would be most of the run's memory
+        let mut sums = vec![0.0_f64; terrain.elevation_m.frame().len()];
+        for month in 0..MONTHS {
+            reporter.check_cancelled()?;
+            let grid = read_band(folder, file, month, terrain)?;
+            sums.iter_mut().zip(grid.values()).for_each(|(sum, v)| *sum += f64::from(*v));
+            stage.advance(1);
+        }
+        let means = sums.iter().map(|sum| (sum / MONTHS as f64) as f32); // a mean of f32 values
+        Ok::<_, Error>(terrain.elevation_m.with_values(means.collect()))
+    };
+    let slope_deg = read_band(folder, "slope.tif", 0, terrain)?;
+    let slope_rad = slope_deg.values().iter().map(|s| s.to_radians()).collect();
+    Ok(Site {
+        sun_h: yearly("sunlight.tif")?,
+        moisture_mm: yearly("moisture.tif")?,
+        temperature_c: yearly("temperature.tif")?,
+        slope_rad: slope_deg.with_values(slope_rad),
+    })
+}
+
+fn read_band(
+    folder: &Path,
+    file: &str,
+    band: usize,
+    terrain: &Terrain,
+) -> Result<Grid<f32>, Error> {
+    let path = folder.join(file);
+    let raster = raster_file::read_band(&path, band, &Limits::default())?;
+    if raster.values.len() != terrain.elevation_m.frame().len() {
+        let problem = format!("{file} has another size than the terrain");
+        return Err(scene::Error::Manifest { path, problem }.into());
+    }
+    Ok(terrain.elevation_m.with_values(raster.values))
+}
+
+/// Writes the stage's files.
+#[allow(clippy::too_many_arguments, reason = "what a stage is made of")]
+pub(super) fn write(
+    input: &CanopyInput<'_>,
+    grown: &GrownCanopy,
+    discharge_m3_s: Grid<f32>,
+    request: &CanopyRequest,
+    folder: &Path,
+    transaction: &mut Transaction,
+    (key, parameters): (String, toml::Table),
+    reporter: &Reporter,
+) -> Result<StageEntry, Error> {
+    let stage = reporter.stage("write trees", 4);
+    let mut files = StageFiles::new(transaction);
+    files.grid("chm.tif", "canopy height", "m", input.chm_m)?;
+    stage.advance(1);
+    files.species("species.tif", &grown.species.map, input.biome)?;
+    stage.advance(1);
+    let frame = input.terrain.elevation_m.frame();
+    files.plants(&grown.plants, input.biome, frame, request.table)?;
+    stage.advance(1);
+    let maps = PreviewMaps {
+        sunlight_h: Some(input.site.sun_h.clone()),
+        moisture_mm: Some(input.site.moisture_mm.clone()),
+        discharge_m3_s: Some(discharge_m3_s),
+        canopy: Some(CanopyLayer {
+            plants: &grown.plants,
+            biome: input.biome,
+            chm_m: input.chm_m,
+            species: &grown.species.map,
+        }),
+        ..PreviewMaps::default()
+    };
+    let options = PreviewOptions { title: scene::folder_name(folder), climate: None };
+    files.picture(&options, input.terrain, &maps)?;
+    stage.advance(1);
+    Ok(files.into_entry(key, parameters, figures(input, grown)))
+}
+
+fn parameters(request: &GrowRequest) -> Result<toml::Table, Error> {
+    let canopy = &request.canopy;
+    let mut parameters = import::parameters(&canopy.placement)?;
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut add = |key: &str, value: toml::Value| parameters.insert(key.to_owned(), value);
+    if let Some(chm) = &request.chm {
+        add("chm", name(chm).into());
+    }
+    if let Some(shares) = &canopy.shares {
+        add("shares", shares.clone().into());
+    }
+    if let Some([raster, regions]) = &canopy.brush {
+        add("brush", vec![name(raster), name(regions)].into());
+    }
+    if !canopy.exclude.is_empty() {
+        add("exclude", canopy.exclude.iter().map(|p| name(p)).collect::<Vec<_>>().into());
+        add("exclude_width_m", canopy.exclude_width_m.into());
+    }
+    add("table", canopy.table.name().into());
+    Ok(parameters)
+}
+
+fn figures(input: &CanopyInput<'_>, grown: &GrownCanopy) -> toml::Table {
+    let whole = |n: usize| toml::Value::from(i64::try_from(n).unwrap_or(i64::MAX));
+    let mut figures = toml::Table::new();
+    let mut add = |key: &str, value: toml::Value| figures.insert(key.to_owned(), value);
+    let Quality {
+        coverage_fraction,
+        overhang_fraction,
+        unsuitable_fraction,
+        height_rmse_m,
+        surface_rmse_m,
+    } = grown.quality;
+    add("trees", whole(grown.plants.len()));
+    add("coverage_fraction", coverage_fraction.into());
+    add("overhang_fraction", overhang_fraction.into());
+    add("unsuitable_canopy_fraction", unsuitable_fraction.into());
+    add("height_rmse_m", height_rmse_m.into());
+    add("surface_rmse_m", surface_rmse_m.into());
+    add("rounds", whole(grown.rounds));
+    add("working_cells_per_cell", whole(grown.working_cells_per_cell));
+    add("canopy_height_mean_m", mean(input.chm_m.values(), input.chm_m.mask()).into());
+    add("gpu", grown.gpu.clone().unwrap_or_else(|| "none".to_owned()).into());
+    let counts = grown.plants.count_by_species(input.biome);
+    let by_key: toml::Table = (input.biome.species.iter().zip(counts))
+        .filter(|(_, count)| *count > 0)
+        .map(|(species, count)| (species.key.clone(), whole(count)))
+        .collect();
+    add("trees_by_species", by_key.into());
+    let regions: Vec<toml::Value> = grown
+        .species
+        .regions
+        .iter()
+        .map(|region| {
+            let mut table = toml::Table::new();
+            let name = region.name.clone().unwrap_or_else(|| "landscape".to_owned());
+            table.insert("region".to_owned(), name.into());
+            let cells = i64::try_from(region.canopy_cells).unwrap_or(i64::MAX);
+            table.insert("canopy_cells".to_owned(), cells.into());
+            let reached: toml::Table = (region.species.iter())
+                .map(|s| (input.biome.species[s.species].key.clone(), s.reached_fraction.into()))
+                .collect();
+            table.insert("reached_shares".to_owned(), reached.into());
+            let asked: toml::Table = (region.species.iter())
+                .filter_map(|s| {
+                    Some((input.biome.species[s.species].key.clone(), s.target_fraction?.into()))
+                })
+                .collect();
+            table.insert("asked_shares".to_owned(), asked.into());
+            table.into()
+        })
+        .collect();
+    add("regions", regions.into());
+    figures
+}
