@@ -64,9 +64,9 @@ pub fn best_fit(
     let middle = i32::midpoint(narrowest, widest);
     let mut worth: i32 = rings[..inner].iter().sum();
     let mut best = (worth, -(narrowest - middle).abs(), narrowest);
-    for ring in inner..outer {
-        worth += rings[ring];
-        let radius = (ring as i32 + 1) * RING_UNITS; // at most `MAX_RINGS`
+    for (ring, value) in (1..).zip(&rings[..outer]).skip(inner) {
+        worth += value;
+        let radius = ring * RING_UNITS;
         best = best.max((worth, -(radius - middle).abs(), radius));
     }
     Fit { radius: best.2, worth: best.0 }

@@ -1,5 +1,6 @@
 //! What a site offers a tree over the whole year: the means that vigor is worked out from.
 
+use crate::abiotics::AbioticMaps;
 use crate::raster::Grid;
 
 /// Yearly means of what a site offers, cell by cell, on one frame and mask.
@@ -16,4 +17,16 @@ pub struct Site {
     pub temperature_c: Grid<f32>,
     /// Slope, radians.
     pub slope_rad: Grid<f32>,
+}
+
+impl Site {
+    /// The yearly means of abiotic maps.
+    pub fn of(maps: &AbioticMaps) -> Self {
+        Self {
+            sun_h: maps.sunlight_h.yearly_mean(),
+            moisture_mm: maps.moisture_mm.yearly_mean(),
+            temperature_c: maps.temperature_c.yearly_mean(),
+            slope_rad: maps.slope_rad.clone(),
+        }
+    }
 }

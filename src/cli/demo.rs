@@ -1,10 +1,10 @@
-//! `wildwood demo`: a landscape of its own, its maps and its picture.
+//! `wildwood demo`: a landscape of its own, its maps, its trees and its picture.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Outcome, Shared, import};
+use super::{Outcome, Shared, grow, import};
 use crate::pipeline::demo;
 use crate::pipeline::import::DEFAULT_BIOME;
 use crate::progress::Reporter;
@@ -30,5 +30,6 @@ pub fn run(arguments: &DemoArguments, shared: &Shared, reporter: &Reporter) -> O
         GenerateParams { rows: size, cols: size, seed: shared.seed, ..GenerateParams::default() };
     let manifest = demo::run(arguments.output.clone(), &arguments.biome, &params, reporter)?;
     import::report(&arguments.output, &manifest, shared);
+    grow::report_trees(&manifest, shared);
     Ok(())
 }

@@ -1,17 +1,20 @@
-//! A generated landscape into a scene folder.
+//! A generated landscape and its trees into a scene folder.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use super::Error;
+use super::grow::{self, CanopyInput, CanopyRequest};
 use super::import::{self, ImportRequest, ReadTerrain};
-use crate::abiotics;
+use crate::canopy::shares::Shares;
+use crate::canopy::site::Site;
 use crate::progress::Reporter;
 use crate::scene::{self, Manifest, SceneHead, Transaction};
 use crate::species::Biome;
 use crate::terrain::generate::{self, GenerateParams};
+use crate::{abiotics, canopy};
 
-/// Generates a landscape, makes its maps and its picture, and gives its manifest.
+/// Generates a landscape, makes its maps, its trees and its picture, and gives its manifest.
 ///
 /// # Errors
 /// If the folder cannot be written, or the run is cancelled.
@@ -51,8 +54,49 @@ pub fn run(
     )?;
     stages.insert("abiotics".to_owned(), entry);
     let scene = SceneHead::new(&request.folder, &read.terrain, biome, terrain.seed);
-    let manifest = Manifest { scene, inputs: Vec::new(), stages };
+    let mut manifest = Manifest { scene, inputs: Vec::new(), stages };
+
+    // trees on a canopy of its own
+    let species = Biome::builtin(biome)?;
+    let site = Site::of(&maps);
+    let canopy = canopy::generate::GenerateParams { seed: terrain.seed, ..Default::default() };
+    let chm_m = canopy::generate::generate(&read.terrain, &site, &canopy, reporter)?;
+    let input = CanopyInput {
+        terrain: &read.terrain,
+        site: &site,
+        chm_m: &chm_m,
+        allowed: read.terrain.elevation_m.mask(),
+        biome: &species,
+        brush: None,
+    };
+    let text = shares(biome);
+    let shares =
+        text.map_or_else(|| Ok(Shares::default()), |text| Shares::parse(text, &species))?;
+    let canopy_request = CanopyRequest::default();
+    let grown = grow::grow(&input, shares, terrain.seed, &canopy_request, reporter)?;
+    let mut parameters = import::parameters(&canopy)?;
+    if let Some(text) = text {
+        parameters.insert("shares".to_owned(), text.into());
+    }
+    let entry = grow::write(
+        &input,
+        &grown,
+        maps.discharge_m3_s,
+        &canopy_request,
+        &request.folder,
+        &mut transaction,
+        (String::new(), parameters),
+        reporter,
+    )?;
+    grow::record(&mut manifest, entry);
     reporter.check_cancelled()?;
     transaction.commit(&manifest)?;
     Ok(manifest)
+}
+
+/// Shares that show the biome's species; `None` leaves them to their vigor.
+fn shares(biome: &str) -> Option<&'static str> {
+    (biome == "sonoma").then_some(
+        "redwood=0.3,douglas-fir=0.2,coast-live-oak=0.2,pacific-madrone=0.1,california-black-oak=0.1",
+    )
 }
