@@ -345,9 +345,14 @@ impl Transaction {
             let replaced = set_aside(&path, &former.join(name))
                 .and_then(|()| fs::rename(self.staging.path().join(name), &path));
             if let Err(source) = replaced {
-                for name in &self.files[..=done] {
+                for (at, name) in self.files[..=done].iter().enumerate() {
                     // back to how it was; what cannot be restored is made again by the next run
-                    let _ = fs::rename(former.join(name), self.folder.join(name));
+                    let (aside, path) = (former.join(name), self.folder.join(name));
+                    if aside.exists() {
+                        let _ = fs::rename(aside, path);
+                    } else if at < done {
+                        let _ = fs::remove_file(path); // there was none before
+                    }
                 }
                 return Err(Error::Write { path, source });
             }
@@ -481,6 +486,20 @@ mod tests {
         assert!(error.to_string().contains("slope.tif"), "{error}");
         assert_eq!(fs::read_to_string(folder.join("terrain.tif")).unwrap(), "one");
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 3, "staging is gone");
+    }
+
+    #[test]
+    fn issue_2_a_failed_commit_takes_back_files_that_were_not_there() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("forest");
+        let written = write_scene(&folder, "one");
+        fs::create_dir(folder.join("slope.tif")).unwrap(); // in the way of a file
+        let mut transaction = Transaction::begin(&folder).unwrap();
+        transaction.write("chm.tif", |f| f.write_all(b"new")).unwrap();
+        transaction.write("slope.tif", |f| f.write_all(b"two")).unwrap();
+        transaction.commit(&written).unwrap_err();
+        assert!(!folder.join("chm.tif").exists(), "the folder is as it was");
+        assert!(folder.join("slope.tif").is_dir());
     }
 
     #[test]

@@ -8,7 +8,8 @@
 //! Journal of the ACM 37(2), doi:10.1145/77600.77615 (radix heap).
 //! # Departures
 //! The gradient on flats is one unit in the last place of an `f32` a step (0.06 mm at 1000 m above
-//! sea level), so a flat 1000 cells wide rises by some centimetres.
+//! sea level), so a flat 1000 cells wide rises by some centimetres; nearer to sea level than 8 m it is
+//! [`LEAST_RISE_M`].
 
 use crate::progress::{Cancelled, Reporter};
 
@@ -16,6 +17,10 @@ use super::drainage::{neighbour_offsets, step};
 
 /// Cells between two looks at the cancel flag.
 const CANCEL_INTERVAL: usize = 1 << 20;
+
+/// Rise of a flat from a cell to the next, metres, where the last place of an `f32` is less.
+/// chosen: the last place at 8 m. At 0 m it is 1e-45 m, and a share of such a fall is none: water would vanish.
+const LEAST_RISE_M: f32 = 1.0 / (1_u32 << 20) as f32;
 
 /// Fills every depression of `height_m`, which has a rim (see `drainage`). Water leaves where a cell
 /// touches an infinitely high one.
@@ -47,7 +52,7 @@ pub(super) fn fill(
         if count % CANCEL_INTERVAL == 0 {
             reporter.check_cancelled()?;
         }
-        let least = height_m[p].next_up();
+        let least = height_m[p].next_up().max(height_m[p] + LEAST_RISE_M);
         for o in offsets {
             let n = step(p, o);
             if !reached[n] {

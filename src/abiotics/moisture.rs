@@ -348,6 +348,21 @@ mod tests {
     }
 
     #[test]
+    fn issue_2_water_of_flats_at_sea_level_is_not_lost() {
+        let coast = |sea_m: f32| {
+            Grid::from_fn(60, 70, 10.0, |cell| {
+                sea_m.max(0.8 * (cell.col as f32 - 35.0) + 3.0 * math::sin(cell.row as f32 / 9.0))
+            })
+        };
+        for sea_m in [0.0, -0.0, -1e-6, 1e-30, -3.0] {
+            let flat = Grid::from_fn(30, 40, 10.0, |_| sea_m);
+            for elevation_m in [flat, coast(sea_m)] {
+                assert_closed(&water(&elevation_m, &sonoma(), &MoistureParams::default()));
+            }
+        }
+    }
+
+    #[test]
     fn discharge_of_a_sealed_ramp_is_the_rain_on_the_land_above() {
         let mut climate = sonoma();
         climate.rain_mm = [80.0; MONTHS];

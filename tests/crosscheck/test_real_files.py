@@ -5,7 +5,7 @@ import pytest
 import rasterio
 from rio_cogeo.cogeo import cog_validate
 
-from conftest import DATA, run_import
+from conftest import DATA, run_import, tomllib
 
 PATTERNS = ["dem/*.tif", "clouds/*.laz", "canopy_pairs/*_dtm.tif", "gresolet/heightfield.elv"]
 FILES = [path for pattern in PATTERNS for path in sorted(DATA.glob(pattern))]
@@ -33,3 +33,7 @@ def test_real_file(path, tmp_path):
         hours = sunlight.read(masked=True)
     assert hours.min() >= 0 and hours.max() < 17
     assert np.isfinite(hours.compressed()).all()
+    manifest = tomllib.loads((folder / "scene.toml").read_text(encoding="utf-8"))
+    books = manifest["stages"]["abiotics"]["figures"]
+    spent = sum(books[f"{way}_mm_per_year"] for way in ("evaporation", "transpiration", "outflow"))
+    assert spent == pytest.approx(books["rain_mm_per_year"], rel=1e-5)  # soil gains up to 2 µm a year

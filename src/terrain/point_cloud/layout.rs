@@ -69,7 +69,9 @@ pub(super) fn check_extent(
 pub(super) fn covered_m2(cloud: &PointCloud, bounds: &Bounds) -> f64 {
     let (min, max) = (bounds.min, bounds.max);
     let (width, height) = (max[0] - min[0], max[1] - min[1]);
-    let block_m = BLOCK_M.max((width * height / MAX_BLOCKS).sqrt());
+    // neither on an area nor on a line are there many more
+    let block_m =
+        BLOCK_M.max((width * height / MAX_BLOCKS).sqrt()).max(width.max(height) / MAX_BLOCKS);
     let cols = (width / block_m) as usize + 1;
     let rows = (height / block_m) as usize + 1;
     let mut covered = vec![false; rows * cols];
@@ -165,6 +167,21 @@ mod tests {
             })
             .collect();
         assert_eq!(check(&strip), Ok(()));
+    }
+
+    #[test]
+    fn issue_2_a_line_across_the_solar_system_is_an_error_and_no_giant_grid() {
+        for line in [[1.0, 0.0], [0.0, 1.0]] {
+            let axis = Quantization { scale: 1000.0, offset: 0.0 };
+            let mut cloud = PointCloud::new([axis; 3], None, None);
+            for end_m in [0.0, 2.1e12] {
+                cloud.push([line[0] * end_m, line[1] * end_m, 0.0], 2);
+            }
+            let bounds = cloud.bounds().unwrap();
+            let covered_m2 = covered_m2(&cloud, &bounds);
+            let frame = frame(&bounds, 2.0 / covered_m2, Crs::Local, &Params::default());
+            assert!(matches!(frame, Err(Error::TooLarge { .. })), "{frame:?}");
+        }
     }
 
     #[test]
