@@ -275,6 +275,11 @@ pub fn peak_memory_mib() -> Option<f64> {
     Some(kib / 1024.0)
 }
 
+/// Starts [`peak_memory_mib`] anew from the memory resident now, where the system lets it (Linux).
+pub fn reset_peak_memory() {
+    let _ = std::fs::write("/proc/self/clear_refs", "5"); // elsewhere the peak stays that of the whole process
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

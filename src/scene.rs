@@ -286,7 +286,7 @@ impl Transaction {
         Ok(Self { folder, staging, made_parents, files: Vec::new(), committed: false })
     }
 
-    /// Writes one file of the scene through `write`, and gives its BLAKE3.
+    /// Writes one file of the scene through `write`, in place of one that was written before, and gives its BLAKE3.
     ///
     /// # Errors
     /// [`Error::Write`], naming the file as it will be called.
@@ -297,11 +297,18 @@ impl Transaction {
     ) -> Result<String, Error> {
         let path = self.staging.path().join(name);
         let fail = |source| Error::Write { path: self.folder.join(name), source };
-        let mut file =
-            File::options().read(true).write(true).create_new(true).open(&path).map_err(fail)?;
+        let mut file = File::options()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(&path)
+            .map_err(fail)?;
         write(&mut file).map_err(fail)?;
         let (hash, _) = hash_file(&path).map_err(fail)?;
-        self.files.push(name.to_owned());
+        if self.files.iter().all(|file| file != name) {
+            self.files.push(name.to_owned());
+        }
         Ok(hash)
     }
 

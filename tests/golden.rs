@@ -3,11 +3,15 @@
 //! A new hash belongs with `RESULTS_VERSION` raised in `src/pipeline/import.rs` (older scenes are then made anew)
 //! and a line under "Results" in CHANGELOG.md: which numbers moved, how far, why.
 
-use wildwood::abiotics;
+use wildwood::canopy::shares::Shares;
+use wildwood::canopy::site::Site;
+use wildwood::gpu::GpuChoice;
+use wildwood::pipeline::grow::{self, CanopyInput, CanopyRequest};
 use wildwood::progress::Reporter;
 use wildwood::raster::MONTHS;
 use wildwood::species::Biome;
 use wildwood::terrain::generate::{self, GenerateParams};
+use wildwood::{abiotics, canopy};
 
 fn hash<'a>(values: impl IntoIterator<Item = &'a f32>) -> String {
     let bytes: Vec<u8> = values.into_iter().flat_map(|v| v.to_bits().to_le_bytes()).collect();
@@ -37,4 +41,44 @@ fn terrain_and_maps_keep_their_bits() {
     ];
     let expected = expected.map(|(name, hash)| (name, hash.to_owned()));
     assert_eq!(found, expected);
+}
+
+#[test]
+fn trees_keep_their_bits() {
+    let reporter = Reporter::silent();
+    let params = GenerateParams { rows: 128, cols: 128, seed: 3, ..GenerateParams::default() };
+    let terrain = generate::generate(&params, &reporter).unwrap();
+    let biome = Biome::builtin("sonoma").unwrap();
+    let params = abiotics::Params::default();
+    let maps = abiotics::run(&terrain, &biome.climate, &params, &reporter).unwrap();
+    let site = Site::of(&maps);
+    let params = canopy::generate::GenerateParams::default();
+    let chm_m = canopy::generate::generate(&terrain, &site, &params, &reporter).unwrap();
+    let input = CanopyInput {
+        terrain: &terrain,
+        site: &site,
+        chm_m: &chm_m,
+        allowed: terrain.elevation_m.mask(),
+        biome: &biome,
+        brush: None,
+    };
+    let shares = Shares::parse("redwood=0.4,coast-live-oak=0.3", &biome).unwrap();
+    let request = CanopyRequest { gpu: GpuChoice::Off, ..CanopyRequest::default() };
+    let grown = grow::grow(&input, shares, 1, &request, &reporter).unwrap();
+    let plants = &grown.plants;
+    let species: Vec<f32> = plants.species.iter().map(|s| f32::from(*s)).collect();
+    let found = [
+        ("canopy height", hash(chm_m.values())),
+        ("places", hash(plants.east_m.iter().chain(&plants.north_m).chain(&plants.z_m))),
+        ("sizes", hash(plants.height_m.iter().chain(&plants.crown_radius_m).chain(&plants.dbh_m))),
+        ("species", hash(&species)),
+    ];
+    let expected = [
+        ("canopy height", "0f4aa3c1562bbb21"),
+        ("places", "a03623682d1c2160"),
+        ("sizes", "7b80adbf3feae66c"),
+        ("species", "8c43aa99d97de15a"),
+    ];
+    let expected = expected.map(|(name, hash)| (name, hash.to_owned()));
+    assert_eq!((plants.len(), found), (2087, expected));
 }

@@ -34,11 +34,14 @@ fn a_scene_has_the_files_it_promises() {
     demo(&folder, &[]);
     let names: Vec<String> = contents(&folder).into_keys().collect();
     let promised = [
+        "chm.tif",
         "discharge.tif",
         "moisture.tif",
+        "plants.parquet",
         "preview.png",
         "scene.toml",
         "slope.tif",
+        "species.tif",
         "sunlight.tif",
         "temperature.tif",
         "terrain.tif",

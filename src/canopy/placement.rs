@@ -41,7 +41,7 @@ const OVERHANG_PRICE: i32 = 5;
 const CLOSING: [(f32, i32); 6] = [(1.0, 5), (1.0, 3), (0.8, 2), (0.5, 2), (0.3, 2), (0.2, 1)];
 /// Share of that canopy which keeps a tree standing.
 const CLOSING_KEEPS_FRACTION: f32 = 0.8;
-/// They end when this share of the canopy is covered.
+/// They end when this share of the canopy that some species can stand in is covered.
 const COVERAGE_GOAL_FRACTION: f64 = 0.983;
 /// Rounds end when fewer than this share of the trees come or go.
 const SETTLED_CHANGE_FRACTION: f64 = 0.01;
@@ -149,6 +149,11 @@ pub fn place(
         }
     }
 
+    let is_plantable: Vec<bool> = (0..cells.is_canopy.len())
+        .into_par_iter()
+        .map(|index| cells.is_plantable(index, ground.species))
+        .collect();
+
     // the last openings, at a lower and lower price, until the canopy is covered
     for (least_m2, price) in CLOSING {
         reporter.check_cancelled()?;
@@ -161,7 +166,7 @@ pub fn place(
         conflicts::resolve(cells, &mut stand, true);
         cover.count_all(&stand.crowns);
         stage.advance(1);
-        if cover.covered_fraction(&cells.is_canopy) >= COVERAGE_GOAL_FRACTION {
+        if cover.covered_fraction(&is_plantable) >= COVERAGE_GOAL_FRACTION {
             break;
         }
     }
@@ -203,4 +208,160 @@ fn fed(ground: &Ground<'_>, stand: &Stand, visibility: &Visibility) -> Vec<bool>
             visible > 0 && f64::from(visible) >= STARVES_BELOW_FRACTION * all as f64
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::generate::{self, GenerateParams};
+    use super::super::quality::{self, Quality};
+    use super::super::site::Site;
+    use super::super::species_map::{NO_SPECIES, SpeciesMap};
+    use super::super::stand::CROWN_ENVELOPE_FRACTION;
+    use super::super::trees;
+    use super::super::visibility::CpuVisibility;
+    use super::super::working_cells::WorkingCells;
+    use super::*;
+    use crate::plants::Plants;
+    use crate::raster::{Cell, Grid, Mask};
+    use crate::species::Biome;
+    use crate::terrain::Terrain;
+
+    /// Hills with an even site.
+    fn land(rows: usize, cols: usize, cell_m: f64) -> (Terrain, Site) {
+        let elevation_m = Grid::from_fn(rows, cols, cell_m, |Cell { row, col }| {
+            300.0 + 0.2 * row as f32 + 12.0 * crate::math::sin(col as f32 / 19.0)
+        });
+        let even = |value: f32| elevation_m.with_values(vec![value; rows * cols]);
+        let site = Site {
+            sun_h: even(8.0),
+            moisture_mm: even(80.0),
+            temperature_c: even(15.0),
+            slope_rad: even(0.1),
+        };
+        (Terrain { elevation_m, latitude_rad: 0.67, grid_convergence_rad: 0.0 }, site)
+    }
+
+    /// Redwoods in the west, coast live oaks in the east, nothing in the south-west corner.
+    fn species(chm_m: &Grid<f32>, biome: &Biome) -> SpeciesMap {
+        let index = |key: &str| biome.species_index(key).unwrap() as u8;
+        let (redwood, oak) = (index("redwood"), index("coast-live-oak"));
+        let frame = chm_m.frame();
+        let of = |i: usize| {
+            let Cell { row, col } = frame.cell(i);
+            match (col < frame.cols / 2, row > 4 * frame.rows / 5) {
+                (true, true) if col < frame.cols / 5 => NO_SPECIES,
+                (true, _) => redwood,
+                _ => oak,
+            }
+        };
+        chm_m.with_values((0..frame.len()).map(of).collect())
+    }
+
+    fn grown(rows: usize, cols: usize, cell_m: f64) -> (Plants, Quality, Grid<f32>, SpeciesMap) {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let (terrain, site) = land(rows, cols, cell_m);
+        let reporter = Reporter::silent();
+        let params = GenerateParams { cover_fraction: 0.6, ..GenerateParams::default() };
+        let chm_m = generate::generate(&terrain, &site, &params, &reporter).unwrap();
+        // a lake: masked cells are no canopy
+        let is_land =
+            (0..rows * cols).map(|i| !(i / cols < rows / 8 && i % cols < cols / 8)).collect();
+        let mask = Arc::new(Mask::new(is_land));
+        let chm_m = Grid::new(Arc::clone(chm_m.frame()), mask, chm_m.into_values());
+        let species = species(&chm_m, &biome);
+        let cells = WorkingCells::new(&chm_m, 3.0);
+        let ground = Ground {
+            cells: &cells,
+            chm_m: &chm_m,
+            elevation_m: &terrain.elevation_m,
+            lowest_m: terrain.elevation_m.range().unwrap().0,
+            species: &species,
+            biome: &biome,
+        };
+        let params = PlacementParams::default();
+        let placed = place(&ground, &params, &mut CpuVisibility, &reporter).unwrap();
+        let quality = quality::measure(&ground, &placed.stand, &placed.visibility);
+        (trees::plants(&ground, &site, &placed.stand), quality, chm_m, species)
+    }
+
+    #[test]
+    fn trees_stand_apart_on_canopy_in_crowns_of_their_own() {
+        for (rows, cols, cell_m) in [(300, 260, 0.5), (220, 200, 1.0), (60, 70, 4.0)] {
+            let biome = Biome::builtin("sonoma").unwrap();
+            let (plants, _, chm_m, species) = grown(rows, cols, cell_m);
+            assert!(plants.len() > 100, "{cell_m} m: {} trees", plants.len());
+            for i in 0..plants.len() {
+                let (x, y, r) = (plants.east_m[i], plants.north_m[i], plants.crown_radius_m[i]);
+                let cell = Cell {
+                    row: ((rows as f64 * cell_m - f64::from(y)) / cell_m) as usize,
+                    col: (f64::from(x) / cell_m) as usize,
+                };
+                // inside the tile, on unmasked canopy that its species can stand in
+                let height_m = *chm_m.get(cell).expect("a tree stands on a masked cell");
+                assert!(height_m >= 3.0, "a tree stands off the canopy");
+                assert_eq!(u16::from(species[cell]), plants.species[i]);
+                assert!((plants.height_m[i] - height_m).abs() <= 1.5 + 1e-3);
+                // within the species' envelope, but for whole rings of a crown
+                let typical = biome.species[usize::from(plants.species[i])]
+                    .crown_radius_m(plants.height_m[i]);
+                let slack = 0.25 * (cell_m as f32).min(1.0) + 1e-3;
+                assert!(r <= typical * (1.0 + CROWN_ENVELOPE_FRACTION) + slack);
+                assert!(r >= typical * (1.0 - CROWN_ENVELOPE_FRACTION) - slack);
+                assert!(plants.dbh_m[i] > 0.0 && plants.age_years[i] > 0.0);
+                for j in 0..i {
+                    let distance = f32::hypot(plants.east_m[j] - x, plants.north_m[j] - y);
+                    assert!(distance >= 1.0, "two trunks {distance} m apart");
+                    let inner = (r - plants.crown_radius_m[j]).abs();
+                    assert!(distance > inner - 1e-3, "a crown lies within another");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn crowns_cover_the_canopy_and_little_else() {
+        let (_, fine, ..) = grown(260, 240, 1.0);
+        let least = 0.98 - fine.unsuitable_fraction;
+        assert!(fine.coverage_fraction > least, "{fine:?}");
+        // this canopy is full of pits, which no crown can leave out
+        assert!(fine.overhang_fraction < 0.12, "{fine:?}");
+        assert!(fine.height_rmse_m < 1.5, "{fine:?}");
+        assert!(fine.unsuitable_fraction > 0.0 && fine.unsuitable_fraction < 0.1, "{fine:?}");
+    }
+
+    #[test]
+    fn any_number_of_threads_places_the_same_trees() {
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| grown(200, 210, 1.0).0)
+        };
+        let one = with(1);
+        assert!(one.len() > 100);
+        assert_eq!(one, with(2));
+        assert_eq!(one, with(5));
+    }
+
+    #[test]
+    fn no_canopy_bears_no_trees() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let (terrain, _) = land(40, 40, 1.0);
+        let chm_m = terrain.elevation_m.with_values(vec![0.0; 1600]);
+        let species = species(&chm_m, &biome);
+        let cells = WorkingCells::new(&chm_m, 3.0);
+        let ground = Ground {
+            cells: &cells,
+            chm_m: &chm_m,
+            elevation_m: &terrain.elevation_m,
+            lowest_m: 300.0,
+            species: &species,
+            biome: &biome,
+        };
+        let params = PlacementParams::default();
+        let placed = place(&ground, &params, &mut CpuVisibility, &Reporter::silent()).unwrap();
+        assert!(placed.stand.is_empty());
+        let quality = quality::measure(&ground, &placed.stand, &placed.visibility);
+        assert_eq!((quality.coverage_fraction, quality.overhang_fraction), (1.0, 0.0));
+    }
 }

@@ -146,10 +146,11 @@ fn beside_top(
     let typical = i32::midpoint(standing.narrowest, standing.widest) as f32;
     let reach = (typical * TRUNK_REACH_FRACTION) as i32; // shorter than a crown
     let is_near_enough = |index: usize| {
-        let height_m = ground.chm_m.values()[ground.cells.scene_index(index)];
+        let scene = ground.cells.scene_index(index);
         index == top
-            || (ground.cells.is_plantable(index, ground.species)
-                && height_m > standing.height_m - LOWEST_BESIDE_TOP_M)
+            || (ground.cells.is_canopy[index]
+                && ground.species.values()[scene] == standing.species
+                && ground.chm_m.values()[scene] > standing.height_m - LOWEST_BESIDE_TOP_M)
     };
     disk_spans(x, y, reach, size)
         .flat_map(|span| (span.first_col..span.end_col).map(move |col| span.row * size.cols + col))

@@ -8,13 +8,18 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::{Outcome, terminal};
-use crate::abiotics;
+use crate::canopy::shares::Shares;
+use crate::canopy::site::Site;
+use crate::gpu::GpuChoice;
+use crate::pipeline::grow::{self, CanopyInput, CanopyRequest};
 use crate::pipeline::{Error, import};
-use crate::progress::{Reporter, peak_memory_mib};
+use crate::progress::{Reporter, peak_memory_mib, reset_peak_memory};
+use crate::raster::Grid;
 use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::terrain::generate::{self, GenerateParams};
 use crate::terrain::point_cloud::synthetic;
+use crate::{abiotics, canopy};
 
 /// What `wildwood bench` takes.
 #[derive(Args)]
@@ -42,6 +47,15 @@ enum Workload {
     Abiotics2048,
     #[value(name = "abiotics-4096")]
     Abiotics4096,
+    /// Species map and placement of about 70,000 trees (Kapp 2020, Table 1).
+    #[value(name = "canopy-1024")]
+    Canopy1024,
+    /// The same of about 357,000 trees.
+    #[value(name = "canopy-2048")]
+    Canopy2048,
+    /// The same of about 745,000 trees.
+    #[value(name = "canopy-3072")]
+    Canopy3072,
     /// 1 km² at 1 m: file to terrain, and file to whole scene folder.
     ImportDem,
     /// 4 million points over 1 km²: file to terrain and canopy, and file to whole scene folder.
@@ -63,6 +77,7 @@ pub fn run(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
     for _ in 0..arguments.repeat {
         runs.push(match &prepared {
             Prepared::Terrain(terrain) => abiotic_maps(terrain, reporter)?,
+            Prepared::Canopy(canopy) => canopy_trees(canopy, reporter)?,
             Prepared::File(input) => whole_import(input, folder.path(), reporter)?,
         });
     }
@@ -82,7 +97,59 @@ pub fn run(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
 /// What a workload works on; its making is not counted.
 enum Prepared {
     Terrain(Terrain),
+    Canopy(Box<PreparedCanopy>),
     File(PathBuf),
+}
+
+/// A canopy height model, and what trees need to know of its place.
+struct PreparedCanopy {
+    terrain: Terrain,
+    site: Site,
+    chm_m: Grid<f32>,
+    biome: Biome,
+}
+
+/// Cell width and trees a hectare that give the trees of Kapp 2020, Table 1.
+const KAPP_CELL_M: f64 = 0.914;
+
+impl PreparedCanopy {
+    fn new(size: usize, trees_per_ha: f32, reporter: &Reporter) -> Result<Self, Error> {
+        let reporter = reporter.silenced();
+        let params = GenerateParams {
+            rows: size,
+            cols: size,
+            cell_m: KAPP_CELL_M,
+            ..GenerateParams::default()
+        };
+        let terrain = generate::generate(&params, &reporter)?;
+        let biome = Biome::builtin(import::DEFAULT_BIOME)?;
+        let params = abiotics::Params::default();
+        let maps = abiotics::run(&terrain, &biome.climate, &params, &reporter)?;
+        let site = Site::of(&maps);
+        let canopy = canopy::generate::GenerateParams::dense(trees_per_ha);
+        let chm_m = canopy::generate::generate(&terrain, &site, &canopy, &reporter)?;
+        Ok(Self { terrain, site, chm_m, biome })
+    }
+}
+
+/// Species map and placement on the CPU.
+fn canopy_trees(prepared: &PreparedCanopy, reporter: &Reporter) -> Result<Value, Error> {
+    let PreparedCanopy { terrain, site, chm_m, biome } = prepared;
+    let allowed = terrain.elevation_m.mask();
+    let input = CanopyInput { terrain, site, chm_m, allowed, biome, brush: None };
+    let request = CanopyRequest { gpu: GpuChoice::Off, ..CanopyRequest::default() };
+    let reporter = reporter.silenced();
+    reset_peak_memory();
+    let started = Instant::now();
+    let grown = grow::grow(&input, Shares::default(), 1, &request, &reporter)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let cells = chm_m.frame().len();
+    Ok(json!({
+        "seconds": seconds, "cells": cells, "ns_per_cell": seconds * 1e9 / cells as f64,
+        "trees": grown.plants.len(), "fit": grown.quality,
+        "peak_bytes_per_cell": peak_memory_mib().map(|mib| mib * 1_048_576.0 / cells as f64),
+        "stages_s": stages(&reporter),
+    }))
 }
 
 fn run_all(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
@@ -129,6 +196,15 @@ fn prepare(
         Workload::Abiotics1024 => Prepared::Terrain(generated(1024, 2.0)?),
         Workload::Abiotics2048 => Prepared::Terrain(generated(2048, 2.0)?),
         Workload::Abiotics4096 => Prepared::Terrain(generated(4096, 2.0)?),
+        Workload::Canopy1024 => {
+            Prepared::Canopy(PreparedCanopy::new(1024, 799.0, reporter)?.into())
+        }
+        Workload::Canopy2048 => {
+            Prepared::Canopy(PreparedCanopy::new(2048, 1018.0, reporter)?.into())
+        }
+        Workload::Canopy3072 => {
+            Prepared::Canopy(PreparedCanopy::new(3072, 944.0, reporter)?.into())
+        }
         Workload::ImportLaz => Prepared::File(match &arguments.laz {
             Some(path) => path.clone(),
             None => {

@@ -245,6 +245,8 @@ impl Device {
         what: &str,
         work: impl FnOnce(&Opened) -> T,
     ) -> Result<T, GpuError> {
+        // a card that was lost meanwhile tells so when it is asked
+        let _ = self.0.device.poll(wgpu::PollType::Poll);
         self.fault(what)?;
         let result = caught(|| work(&self.0));
         if let Err(message) = &result {

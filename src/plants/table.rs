@@ -165,7 +165,7 @@ impl Table for PlantsTable<'_> {
     }
 }
 
-/// The plants of a GeoParquet file that [`write`] or a program after it wrote, in the order of the file.
+/// The plants of a GeoParquet file that [`write()`] or a program after it wrote, in the order of the file.
 ///
 /// # Errors
 /// If the file is damaged or lacks a column, if a plant is of a species that is not the biome's, stands outside the

@@ -1,0 +1,125 @@
+//! `wildwood grow` from end to end: what is redone, and what is said of canopies that do not fit.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use wildwood::io::geotiff::{Band, CogBands, CogOptions, StoredBands, write_cog};
+use wildwood::raster::{Crs, Frame, GeoTransform, Mask};
+
+const SIDE: usize = 120;
+
+fn wildwood(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_wildwood")).args(arguments).output().unwrap()
+}
+
+fn write_tiff(path: &Path, crs: u32, west_m: f64, value: impl Fn(usize, usize) -> Option<f32>) {
+    let transform = GeoTransform { west_m, north_m: 4_100_000.0, cell_m: 1.0 };
+    let frame = Frame { rows: SIDE, cols: SIDE, transform, crs: Crs::Epsg(crs) };
+    let values: Vec<Option<f32>> = (0..frame.len()).map(|i| value(i / SIDE, i % SIDE)).collect();
+    let mask = Mask::new(values.iter().map(Option::is_some).collect());
+    let values: Vec<f32> = values.into_iter().map(Option::unwrap_or_default).collect();
+    let bands = [Band { name: "height".to_owned(), unit: "m".to_owned() }];
+    let source = StoredBands::new(&frame, vec![&values]);
+    let image = CogBands { frame: &frame, mask: &mask, bands: &bands, source: &source };
+    write_cog(&mut fs::File::create(path).unwrap(), &image, &CogOptions::default()).unwrap();
+}
+
+/// Domes 10 m apart, 12 m high.
+fn domes(row: usize, col: usize) -> f32 {
+    let from_middle = |at: usize| (at % 10) as f32 - 5.0;
+    (12.0 - 0.4 * (from_middle(row).powi(2) + from_middle(col).powi(2))).max(0.0)
+}
+
+/// A folder with a terrain, and the paths of terrain, canopy and scene.
+fn home(canopy: impl Fn(&Path)) -> (tempfile::TempDir, [PathBuf; 3]) {
+    let home = tempfile::tempdir().unwrap();
+    let [dem, chm, forest] = ["dem.tif", "chm.tif", "forest"].map(|name| home.path().join(name));
+    write_tiff(&dem, 32611, 500_000.0, |row, col| Some(100.0 + 0.1 * (row + col) as f32));
+    canopy(&chm);
+    (home, [dem, chm, forest])
+}
+
+fn grow(paths: &[PathBuf; 3], options: &[&str]) -> Output {
+    let [dem, chm, forest] = paths.each_ref().map(|path| path.to_str().unwrap());
+    let mut arguments = vec!["grow", dem, "--chm", chm, "-o", forest, "--json", "--gpu", "off"];
+    arguments.extend(options);
+    wildwood(&arguments)
+}
+
+fn told(output: &Output) -> String {
+    let text = [&output.stdout[..], &output.stderr[..]].concat();
+    String::from_utf8(text).unwrap()
+}
+
+fn figures(folder: &Path) -> toml::Table {
+    let text = fs::read_to_string(folder.join("scene.toml")).unwrap();
+    let scene: toml::Table = text.parse().unwrap();
+    scene["stages"]["canopy"]["figures"].as_table().unwrap().clone()
+}
+
+#[test]
+fn a_changed_share_redoes_the_trees_alone_and_nothing_changed_nothing() {
+    let (_home, paths) = home(|chm| write_tiff(chm, 32611, 500_000.0, |r, c| Some(domes(r, c))));
+    let ran = |output: &Output, stage: &str| {
+        assert!(output.status.success(), "{}", told(output));
+        told(output).contains(&format!("\"stage\":\"{stage}\""))
+    };
+    let first = grow(&paths, &[]);
+    assert!(ran(&first, "sunlight") && ran(&first, "placement"));
+    let trees = figures(&paths[2])["trees"].as_integer().unwrap();
+    assert!((144..2000).contains(&trees), "{trees} trees for 144 domes");
+    let again = grow(&paths, &[]);
+    assert!(!ran(&again, "sunlight") && !ran(&again, "placement"));
+    let shares = grow(&paths, &["--shares", "coast-live-oak=1"]);
+    assert!(!ran(&shares, "sunlight") && ran(&shares, "placement"));
+    let by_species = figures(&paths[2])["trees_by_species"].clone();
+    assert_eq!(by_species.as_table().unwrap().keys().collect::<Vec<_>>(), ["coast-live-oak"]);
+    // the scene folder itself serves too
+    let [_, chm, forest] = paths.each_ref().map(|path| path.to_str().unwrap());
+    let in_place = wildwood(&["grow", forest, "--chm", chm, "--table", "csv", "--json"]);
+    assert!(!ran(&in_place, "sunlight") && ran(&in_place, "placement"));
+    assert!(paths[2].join("plants.csv").exists() && !paths[2].join("plants.parquet").exists());
+    // and importing again finds terrain and maps as they were
+    let dem = paths[0].to_str().unwrap();
+    let import = wildwood(&["import", dem, "-o", forest, "--json"]);
+    assert!(!ran(&import, "sunlight") && paths[2].join("plants.csv").exists());
+}
+
+#[test]
+fn a_canopy_half_a_cell_off_is_resampled() {
+    let (_home, paths) = home(|chm| write_tiff(chm, 32611, 500_000.5, |r, c| Some(domes(r, c))));
+    let output = grow(&paths, &[]);
+    assert!(output.status.success(), "{}", told(&output));
+    assert!(figures(&paths[2])["coverage_fraction"].as_float().unwrap() > 0.95);
+}
+
+#[test]
+fn a_canopy_without_trees_is_told_of() {
+    let (_home, paths) = home(|chm| write_tiff(chm, 32611, 500_000.0, |_, _| Some(0.0)));
+    let output = grow(&paths, &[]);
+    assert!(output.status.success() && told(&output).contains("no trees"), "{}", told(&output));
+    assert_eq!(figures(&paths[2])["trees"].as_integer(), Some(0));
+}
+
+#[test]
+fn canopies_that_cannot_be_used_are_refused() {
+    let refused = |canopy: &dyn Fn(&Path), options: &[&str], words: &[&str]| {
+        let (_home, paths) = home(canopy);
+        let output = grow(&paths, options);
+        let told = told(&output);
+        assert_eq!(output.status.code(), Some(2), "{told}");
+        assert!(words.iter().all(|word| told.contains(word)), "{told}");
+        assert!(!paths[2].join("plants.parquet").exists());
+    };
+    let good = |chm: &Path| write_tiff(chm, 32611, 500_000.0, |r, c| Some(domes(r, c)));
+    refused(&|chm| write_tiff(chm, 32611, 500_000.0, |_, _| None), &[], &["chm.tif"]);
+    refused(&|chm| write_tiff(chm, 32611, 600_000.0, |_, _| Some(9.0)), &[], &["overlap"]);
+    refused(&|chm| write_tiff(chm, 32618, 500_000.0, |_, _| Some(9.0)), &[], &["overlap"]);
+    refused(&|chm| write_tiff(chm, 32611, 500_000.0, |_, _| Some(412.0)), &[], &["above ground"]);
+    refused(&|chm| fs::write(chm, "no raster").unwrap(), &[], &["chm.tif"]);
+    refused(&good, &["--shares", "redwood=0.7,douglas-fir=0.6"], &["1.3"]);
+    refused(&good, &["--shares", "baobab=0.7"], &["baobab", "redwood"]);
+    refused(&good, &["--exclude", "nowhere.geojson"], &["nowhere.geojson"]);
+    refused(&good, &["--min-height", "0"], &["--min-height"]);
+}
