@@ -109,7 +109,7 @@ struct PreparedCanopy {
     biome: Biome,
 }
 
-/// Cell width and trees a hectare that give the trees of Kapp 2020, Table 1.
+/// Cell width of Kapp 2020, Table 1.
 const KAPP_CELL_M: f64 = 0.914;
 
 impl PreparedCanopy {
@@ -126,7 +126,12 @@ impl PreparedCanopy {
         let params = abiotics::Params::default();
         let maps = abiotics::run(&terrain, &biome.climate, &params, &reporter)?;
         let site = Site::of(&maps);
-        let canopy = canopy::generate::GenerateParams::dense(trees_per_ha);
+        // low stands: crowns of Sonoma's species as tall as the generator's are wider than Table 1 leaves room for
+        let stand_height_m = 9.0;
+        let canopy = canopy::generate::GenerateParams {
+            stand_height_m,
+            ..canopy::generate::GenerateParams::dense(trees_per_ha)
+        };
         let chm_m = canopy::generate::generate(&terrain, &site, &canopy, &reporter)?;
         Ok(Self { terrain, site, chm_m, biome })
     }

@@ -1,0 +1,78 @@
+"""Trees grown on measured canopies: opened by GeoPandas, their fit worked out anew from the files alone."""
+
+import geopandas
+import numpy as np
+import pytest
+import rasterio
+from scipy import ndimage, spatial
+from skimage.feature import peak_local_max
+
+from conftest import read, real, run_grow, tomllib
+
+PAIRS = {  # most overhang allowed; the sparse cloud of Quebec leaves a canopy as ragged as its cells
+    "neon_sjer_4m": 0.15, "neon_harv_4m": 0.15, "bcts_bc": 0.08, "pyfor_osbs": 0.08, "lidR_topography": 0.18,
+}
+
+
+def crown_cells(trees, transform, shape, per_cell):
+    """Which cells, cut into `per_cell` by `per_cell`, have their centre under a crown."""
+    rows, cols = shape[0] * per_cell, shape[1] * per_cell
+    cell = transform.a / per_cell
+    under = np.zeros((rows, cols), bool)
+    for x, y, r in zip(trees.geometry.x, trees.geometry.y, trees.crown_radius_m):
+        col, row = (x - transform.c) / cell - 0.5, (transform.f - y) / cell - 0.5
+        reach = r / cell
+        top, left = max(0, int(np.ceil(row - reach))), max(0, int(np.ceil(col - reach)))
+        bottom, right = int(row + reach) + 1, int(col + reach) + 1
+        dy, dx = np.ogrid[top - row:min(bottom, rows) - row, left - col:min(right, cols) - col]
+        under[top:bottom, left:right] |= dy**2 + dx**2 <= reach**2 + 1e-6
+    return under
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_trees_fit_the_canopy(name, tmp_path):
+    terrain = real(f"canopy_pairs/{name}_dtm.tif")
+    folder = run_grow(terrain, real(f"canopy_pairs/{name}_chm.tif"), tmp_path / "forest", "--gpu", "off")
+    trees = geopandas.read_parquet(folder / "plants.parquet")
+    figures = tomllib.loads((folder / "scene.toml").read_text())["stages"]["canopy"]["figures"]
+    assert len(trees) == figures["trees"] > 0
+    with rasterio.open(terrain) as source:
+        assert trees.crs == source.crs
+        transform = source.transform
+    chm = read(folder / "chm.tif").filled(0.0)
+
+    # every tree on canopy as high as it is, trunks apart, no crown within another
+    places = np.column_stack([trees.geometry.x, trees.geometry.y])
+    rows = ((transform.f - places[:, 1]) / transform.a).astype(int)
+    cols = ((places[:, 0] - transform.c) / transform.a).astype(int)
+    at_trunk = chm[rows, cols]
+    assert at_trunk.min() >= 3.0
+    assert np.sqrt(np.mean((trees.height_m - at_trunk) ** 2)) <= 1.5
+    tree = spatial.cKDTree(places)
+    radius = trees.crown_radius_m.to_numpy()
+    distance, _ = tree.query(places, k=2)
+    assert distance[:, 1].min() >= 1.0
+    pairs = tree.query_pairs(2 * radius.max(), output_type="ndarray") if len(trees) < 20_000 else np.empty((0, 2), int)
+    apart = np.linalg.norm(places[pairs[:, 0]] - places[pairs[:, 1]], axis=1)
+    assert (apart > np.abs(radius[pairs[:, 0]] - radius[pairs[:, 1]]) - 1e-3).all()
+
+    # coverage and overhang
+    per_cell = int(np.ceil(transform.a))
+    under = crown_cells(trees, transform, chm.shape, per_cell)
+    canopy = np.kron(chm >= 3.0, np.ones((per_cell, per_cell), bool))
+    coverage = (under & canopy).sum() / canopy.sum()
+    overhang = (under & ~canopy).sum() / under.sum()
+    assert coverage == pytest.approx(figures["coverage_fraction"], abs=2e-3)
+    assert overhang == pytest.approx(figures["overhang_fraction"], abs=2e-3)
+    assert coverage >= 0.98
+    assert overhang <= PAIRS[name]
+
+
+def test_as_many_trees_as_tops_where_crowns_are_as_wide_as_their_species(tmp_path):
+    """Conifers of British Columbia; `pyfor_osbs` has half again as many trees as tops, see the README."""
+    chm_file = real("canopy_pairs/bcts_bc_chm.tif")
+    folder = run_grow(real("canopy_pairs/bcts_bc_dtm.tif"), chm_file, tmp_path / "forest", "--gpu", "off")
+    trees = geopandas.read_parquet(folder / "plants.parquet")
+    smooth = ndimage.gaussian_filter(read(chm_file).filled(0.0), 0.5)
+    tops = peak_local_max(smooth, min_distance=1, threshold_abs=3.0, exclude_border=False)
+    assert 0.75 <= len(trees) / len(tops) <= 1.25
