@@ -28,7 +28,7 @@ struct Crown {
     y: i32,
     // Radius of the sphere.
     radius: i32,
-    // Elevation of the sphere's centre.
+    // Elevation of the sphere's centre, below 0 too.
     center_z: i32,
 }
 
@@ -45,7 +45,7 @@ struct Tally {
 
 @group(0) @binding(0) var<uniform> band: Band;
 @group(0) @binding(1) var<storage, read> crowns: array<Crown>;
-// Height of the highest sphere at each cell of the band, plus one; 0 where there is none.
+// Height of the highest sphere at each cell of the band, as `depth_at` has it; 0, as cleared, where there is none.
 @group(0) @binding(2) var<storage, read_write> depth: array<atomic<u32>>;
 // Complement of the index of the crown seen at each cell of the band, so that the lowest index is the greatest number
 // and 0, as cleared, means no crown.
@@ -90,7 +90,8 @@ fn whole_root(square: i32) -> i32 {
     return root;
 }
 
-// Height of a crown's sphere over a cell's centre, plus one; 0 where the centre is not under the crown.
+// Height of a crown's sphere over a cell's centre, with its sign bit turned so that it orders without sign: the lowest
+// height of all, which no sphere has, becomes 0. 0 where the centre is not under the crown.
 fn depth_at(crown: Crown, row: i32, col: i32) -> u32 {
     let dx = (col << CELL_SHIFT) + HALF_CELL - crown.x;
     let dy = (row << CELL_SHIFT) + HALF_CELL - crown.y;
@@ -98,7 +99,7 @@ fn depth_at(crown: Crown, row: i32, col: i32) -> u32 {
     if left < 0 {
         return 0u;
     }
-    return u32(crown.center_z + whole_root(left)) + 1u;
+    return bitcast<u32>(crown.center_z + whole_root(left)) ^ 0x80000000u;
 }
 
 // Which crown a workgroup works on; workgroups are laid out in rows, and the last row may have some too many.

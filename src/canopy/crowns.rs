@@ -87,7 +87,8 @@ pub struct Crowns {
     pub y: Vec<i32>,
     /// Radius of the sphere, 1..=[`MAX_RADIUS_UNITS`].
     pub radius: Vec<i32>,
-    /// Elevation of the sphere's centre above a datum below the whole scene, within 0..2²⁴.
+    /// Elevation of the sphere's centre above a datum, within ±2²⁴: below 0 where a crown on the lowest ground is wider
+    /// than high.
     pub center_z: Vec<i32>,
 }
 

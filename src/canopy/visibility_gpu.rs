@@ -39,7 +39,7 @@ pub struct Crown {
     pub y: i32,
     /// Radius of the sphere.
     pub radius: i32,
-    /// Elevation of the sphere's centre.
+    /// Elevation of the sphere's centre, below 0 too.
     pub center_z: i32,
 }
 

@@ -245,16 +245,25 @@ impl Device {
         what: &str,
         work: impl FnOnce(&Opened) -> T,
     ) -> Result<T, GpuError> {
-        // a card that was lost meanwhile tells so when it is asked
-        let _ = self.0.device.poll(wgpu::PollType::Poll);
         self.fault(what)?;
         let result = caught(|| work(&self.0));
         if let Err(message) = &result {
             // nobody knows in which state the driver's library is now
             note(&self.0.fault, Fault::Lost(message.clone()));
         }
+        self.hear_of_loss();
         self.fault(what)?;
         result.map_err(|message| self.failed(what, message))
+    }
+
+    /// Notes whether a complaint comes from a lost card: the library tells of a loss only when it is next asked.
+    fn hear_of_loss(&self) {
+        let slot = self.0.fault.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_open = slot.as_ref().is_some_and(|seen| !seen.is_final());
+        drop(slot);
+        if is_open && let Err(message) = caught(|| self.0.device.poll(wgpu::PollType::Poll)) {
+            note(&self.0.fault, Fault::Lost(message));
+        }
     }
 
     /// What the driver complained of, as an error. A lost card stays lost; other faults are told once.
