@@ -127,7 +127,7 @@ impl PreparedCanopy {
         let maps = abiotics::run(&terrain, &biome.climate, &params, &reporter)?;
         let site = Site::of(&maps);
         // low stands: crowns of Sonoma's species as tall as the generator's are wider than Table 1 leaves room for
-        let stand_height_m = 9.0;
+        let stand_height_m = 11.0;
         let canopy = canopy::generate::GenerateParams {
             stand_height_m,
             ..canopy::generate::GenerateParams::dense(trees_per_ha)
