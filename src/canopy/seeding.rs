@@ -3,8 +3,8 @@
 //! # Reference
 //! Kapp et al. 2020, section 5.2: initial seeds at local maxima, later ones in exposed canopy.
 //! # Departures
-//! Later seeds are drawn from the uncovered cells themselves, the roomiest first and none in another's room, where the
-//! paper tries points on rings around the trees.
+//! Later seeds are drawn from the uncovered cells themselves, those first whose crown gains most, where the paper tries
+//! points on rings around the trees.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -27,7 +27,8 @@ const TOP_BLUR_SIGMA_M: f32 = 0.5;
 const TRUNK_REACH_FRACTION: f32 = 0.5;
 /// How much lower than the top the canopy over its trunk may be.
 const LOWEST_BESIDE_TOP_M: f32 = 1.5;
-/// Share of a new crown's cells that must be its gain. chosen: a little less than a quarter hidden trees would starve.
+/// Share of a new crown's cells that must be its gain. chosen: above the share at
+/// which trees starve, so that a seed outlives its round.
 const LEAST_SHOWN_FRACTION: f32 = 0.25;
 
 /// Working cells that stand above all their eight neighbours, where a tree can stand; of equals the first in order.

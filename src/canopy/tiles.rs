@@ -86,6 +86,15 @@ mod tests {
             tile
         });
         assert_eq!(results, (0..15).collect::<Vec<_>>());
-        assert_eq!(ran.into_inner().unwrap().len(), 15);
+        // the four colours of 5 × 3 tiles, one after the other, each in any order
+        let ran = ran.into_inner().unwrap();
+        let mut rest = &ran[..];
+        for (color, tiles) in [6, 3, 4, 2].into_iter().enumerate() {
+            let (of_color, others) = rest.split_at(tiles);
+            let is_of_color = |tile: &usize| tile / 3 % 2 * 2 + tile % 3 % 2 == color;
+            assert!(of_color.iter().all(is_of_color), "{of_color:?}");
+            rest = others;
+        }
+        assert!(rest.is_empty());
     }
 }

@@ -9,9 +9,8 @@ from skimage.feature import peak_local_max
 
 from conftest import read, real, run_grow, tomllib
 
-PAIRS = {  # most overhang allowed; the sparse cloud of Quebec leaves a canopy as ragged as its cells
-    "neon_sjer_4m": 0.15, "neon_harv_4m": 0.15, "bcts_bc": 0.08, "pyfor_osbs": 0.08, "lidR_topography": 0.18,
-}
+PAIRS = ["neon_sjer_4m", "neon_harv_4m", "bcts_bc", "pyfor_osbs", "lidR_topography"]
+MOST_OVERHANG = {"neon_sjer_4m": 0.15, "neon_harv_4m": 0.15}  # cells of 4 m; 0.08 elsewhere
 
 
 def crown_cells(trees, transform, shape, per_cell):
@@ -52,7 +51,9 @@ def test_trees_fit_the_canopy(name, tmp_path):
     radius = trees.crown_radius_m.to_numpy()
     distance, _ = tree.query(places, k=2)
     assert distance[:, 1].min() >= 1.0
-    pairs = tree.query_pairs(2 * radius.max(), output_type="ndarray") if len(trees) < 20_000 else np.empty((0, 2), int)
+    # a crown within another has its trunk closer than that one's radius
+    pairs = tree.query_pairs(radius.max(), output_type="ndarray")
+    assert len(pairs)
     apart = np.linalg.norm(places[pairs[:, 0]] - places[pairs[:, 1]], axis=1)
     assert (apart > np.abs(radius[pairs[:, 0]] - radius[pairs[:, 1]]) - 1e-3).all()
 
@@ -65,13 +66,20 @@ def test_trees_fit_the_canopy(name, tmp_path):
     assert coverage == pytest.approx(figures["coverage_fraction"], abs=2e-3)
     assert overhang == pytest.approx(figures["overhang_fraction"], abs=2e-3)
     assert coverage >= 0.98
-    assert overhang <= PAIRS[name]
+    if name == "lidR_topography":
+        assert overhang > 0.08, "the sparse cloud's canopy is met: hold it to the same bound"
+        pytest.xfail("a sparse cloud's canopy, as ragged as its cells, is not met within 8 %")
+    assert overhang <= MOST_OVERHANG.get(name, 0.08)
 
 
-def test_as_many_trees_as_tops_where_crowns_are_as_wide_as_their_species(tmp_path):
-    """Conifers of British Columbia; `pyfor_osbs` has half again as many trees as tops, see the README."""
-    chm_file = real("canopy_pairs/bcts_bc_chm.tif")
-    folder = run_grow(real("canopy_pairs/bcts_bc_dtm.tif"), chm_file, tmp_path / "forest", "--gpu", "off")
+@pytest.mark.parametrize("name", [
+    "bcts_bc",
+    pytest.param("pyfor_osbs", marks=pytest.mark.xfail(
+        strict=True, reason="flanks of crowns wider than the species' take small trees of their own")),
+])
+def test_as_many_trees_as_tops(name, tmp_path):
+    chm_file = real(f"canopy_pairs/{name}_chm.tif")
+    folder = run_grow(real(f"canopy_pairs/{name}_dtm.tif"), chm_file, tmp_path / "forest", "--gpu", "off")
     trees = geopandas.read_parquet(folder / "plants.parquet")
     smooth = ndimage.gaussian_filter(read(chm_file).filled(0.0), 0.5)
     tops = peak_local_max(smooth, min_distance=1, threshold_abs=3.0, exclude_border=False)
