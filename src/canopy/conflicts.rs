@@ -38,9 +38,7 @@ pub fn resolve(cells: &WorkingCells<'_>, stand: &mut Stand, may_shrink: bool) ->
                 let overtopped = stand.height_m[other] > stand.height_m[tree];
                 if may_shrink && overtopped && room >= stand.narrowest[tree] {
                     radius = radius.min(room);
-                } else if is_before(stand, tree, other)
-                    || stand.crowns.radius[tree] > stand.crowns.radius[other]
-                {
+                } else {
                     is_dropped[other].store(true, Ordering::Relaxed);
                 }
             });
