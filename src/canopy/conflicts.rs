@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::crowns::UNITS_PER_CELL;
-use super::stand::Stand;
+use super::stand::{NO_TOP, Stand};
 use super::working_cells::WorkingCells;
 
 /// No two trunks are closer. chosen: as in Kapp's program (PAPER_NOTES §6).
@@ -63,7 +63,7 @@ fn distance_squared(stand: &Stand, a: usize, b: usize) -> i32 {
 
 /// Whether `a` goes before `b`: tops first, then the taller, then the one seeded earlier.
 fn is_before(stand: &Stand, a: usize, b: usize) -> bool {
-    let rank = |tree: usize| (stand.is_top[tree], stand.height_m[tree]);
+    let rank = |tree: usize| (stand.top[tree] != NO_TOP, stand.height_m[tree]);
     let ((a_top, a_height), (b_top, b_height)) = (rank(a), rank(b));
     (a_top, a_height) > (b_top, b_height) || ((a_top, a_height) == (b_top, b_height) && a < b)
 }
@@ -136,5 +136,69 @@ impl Places {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::stand::fixture::on_ground;
+    use super::super::stand::{Ground, Stand};
+    use super::*;
+    use crate::raster::Cell;
+
+    /// Canopy that falls by half a metre a column.
+    fn with_stand(test: impl FnOnce(&Ground<'_>, &mut Stand)) {
+        let slope = |cell: Cell| 30.0 - 0.5 * cell.col as f32;
+        on_ground([30, 40], slope, "redwood", |ground| test(ground, &mut Stand::default()));
+    }
+
+    #[test]
+    fn of_two_trunks_too_close_the_lower_goes_unless_it_makes_a_top() {
+        with_stand(|ground, stand| {
+            stand.plant(ground, [5, 10], 100, false);
+            stand.plant(ground, [5, 10], 100, false);
+            stand.crowns.x[1] += 31; // 31/32 m
+            stand.height_m[1] -= 1.0;
+            stand.plant(ground, [20, 10], 100, false);
+            stand.plant(ground, [20, 10], 100, true);
+            stand.crowns.x[3] += 20;
+            stand.height_m[3] -= 1.0;
+            stand.plant(ground, [20, 30], 60, false);
+            stand.plant(ground, [20, 30], 60, false);
+            stand.crowns.x[5] += 32; // a metre apart
+            let heights =
+                [stand.height_m[0], stand.height_m[3], stand.height_m[4], stand.height_m[5]];
+            assert_eq!(resolve(ground.cells, stand, false), 2);
+            assert_eq!(stand.height_m, heights);
+        });
+    }
+
+    #[test]
+    fn a_crown_within_another_goes_or_the_outer_one_shrinks_below_a_taller() {
+        with_stand(|ground, stand| {
+            // a low tree within a tall one's crown
+            stand.plant(ground, [10, 5], 150, false);
+            stand.plant(ground, [10, 7], 70, false);
+            // a tall tree within a low one's crown, which may be narrower
+            stand.plant(ground, [20, 30], 130, false);
+            stand.plant(ground, [20, 28], 60, false);
+            assert!(stand.narrowest[2] < 60 + 2 * 32);
+            let mut strict = stand.clone();
+            assert_eq!(resolve(ground.cells, stand, true), 1);
+            assert_eq!(stand.crowns.radius, [150, 60 + 2 * 32 - 1, 60]);
+            assert_eq!(resolve(ground.cells, &mut strict, false), 2);
+            assert_eq!(strict.crowns.radius, [150, 130]);
+        });
+    }
+
+    #[test]
+    fn of_equal_crowns_at_nearly_one_place_one_stays() {
+        with_stand(|ground, stand| {
+            for _ in 0..3 {
+                stand.plant(ground, [10, 10], 90, false);
+            }
+            assert_eq!(resolve(ground.cells, stand, true), 2);
+            assert_eq!(resolve(ground.cells, &mut Stand::default(), true), 0);
+        });
     }
 }

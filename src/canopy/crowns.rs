@@ -78,6 +78,38 @@ pub fn disk_spans(x: i32, y: i32, radius: i32, size: GridSize) -> impl Iterator<
     disk_rows(y, radius, size.rows).map(move |row| disk_span(x, y, radius, row, size.cols))
 }
 
+/// Disks around the middles of cells, by radius: looked up where many are asked for.
+#[derive(Clone, Debug)]
+pub struct CenteredDisks {
+    /// Radius after radius, row after row from the middle one outwards: cells to either side of the middle one.
+    half_widths: Vec<u8>,
+    /// Where each radius begins; one more at the end.
+    starts: Vec<u32>,
+}
+
+impl CenteredDisks {
+    /// Disks of up to `widest` units.
+    pub fn new(widest: i32) -> Self {
+        let (mut half_widths, mut starts) = (Vec::new(), vec![0]);
+        for radius in 0..=widest {
+            for row in 0..=radius / UNITS_PER_CELL {
+                let dy = row * UNITS_PER_CELL;
+                let cells = whole_root(radius * radius - dy * dy) / UNITS_PER_CELL;
+                half_widths.push(cells as u8); // fewer than MAX_RADIUS_UNITS / UNITS_PER_CELL = 63
+            }
+            starts.push(half_widths.len() as u32); // less than 2¹⁸
+        }
+        Self { half_widths, starts }
+    }
+
+    /// Cells to either side of the middle one, for the middle row and each one outwards.
+    #[inline]
+    pub fn half_widths(&self, radius: i32) -> &[u8] {
+        let radius = radius as usize; // not negative
+        &self.half_widths[self.starts[radius] as usize..self.starts[radius + 1] as usize]
+    }
+}
+
 /// Crowns, struct of arrays; all lengths in units of 1/[`UNITS_PER_CELL`] of a working cell.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Crowns {
@@ -134,6 +166,21 @@ mod tests {
                 let expected = dx * dx + dy * dy <= radius * radius;
                 assert_eq!(found, expected, "cell {index} of ({x}, {y}, {radius})");
             }
+        }
+    }
+
+    #[test]
+    fn centered_disks_are_the_disks_around_middles() {
+        let size = GridSize { rows: 140, cols: 140 };
+        let disks = CenteredDisks::new(MAX_RADIUS_UNITS);
+        for radius in [0, 1, 31, 32, 33, 46, 100, 640, 1999, MAX_RADIUS_UNITS] {
+            let at = middle_units(70);
+            let half_widths = disks.half_widths(radius);
+            for span in disk_spans(at, at, radius, size) {
+                let half_width = usize::from(half_widths[span.row.abs_diff(70)]);
+                assert_eq!((span.first_col, span.end_col), (70 - half_width, 71 + half_width));
+            }
+            assert_eq!(disk_rows(at, radius, size.rows).len(), 2 * half_widths.len() - 1);
         }
     }
 

@@ -15,6 +15,7 @@ pub mod conflicts;
 pub mod cover;
 pub mod crown_fit;
 pub mod crowns;
+pub mod envelopes;
 pub mod generate;
 pub mod limits;
 mod mosaic;

@@ -4,8 +4,8 @@
 //! Kapp et al. 2020, section 5.2 and Algorithm 1, doi:10.1145/3414685.3417848.
 //! # Departures
 //! Each crown is fitted to the canopy within its species' envelope (`crown_fit`), so that the tops and openings which the
-//! canopy shows decide how dense trees stand, and not the allometry alone. Rounds end when little comes or goes; then the
-//! last openings are closed.
+//! canopy shows decide how dense trees stand, and not the allometry alone. The roomiest openings are seeded first. Rounds
+//! end when enough canopy is covered; then trees that are not needed for that go.
 
 use rayon::prelude::*;
 
@@ -14,7 +14,7 @@ use super::cover::Cover;
 use super::crown_fit::{self, CANOPY_WORTH};
 use super::crowns::{UNITS_PER_CELL, disk_spans};
 use super::seeding;
-use super::stand::{Ground, Stand};
+use super::stand::{Ground, NO_TOP, Stand, UNSETTLED};
 use super::tiles::Tiling;
 use super::visibility::{RenderVisibility, Visibility};
 use crate::progress::{Cancelled, Reporter};
@@ -27,24 +27,23 @@ const SHIFT_DIVISOR: i32 = 4;
 /// Share of its narrowest crown that a top must gain to bear a tree. chosen: below it the tops of one crown's branches
 /// become trees.
 const TOP_GAIN_FRACTION: f32 = 0.4;
-/// Canopy that a tree under a top must alone cover, m².
-const TOP_LEAST_M2: f32 = 1.0;
-/// Canopy that other trees must alone cover, m²: in the first round, and in the last. chosen: the roomiest openings first.
-const FIRST_LEAST_M2: f32 = 4.0;
-const LAST_LEAST_M2: f32 = 2.0;
+/// Canopy that a tree which makes a top must alone cover, m².
+const TOP_LEAST_M2: f32 = 1.5;
+/// Canopy that other trees must alone cover, m², in the first round. chosen: the roomiest openings first.
+const FIRST_LEAST_M2: f32 = 5.0;
 /// From round to round that falls by this factor.
-const LEAST_FALLS_BY: f32 = 0.6;
+const LEAST_FALLS_BY: f32 = 0.4;
+/// Down to this, m². chosen: the crown of the lowest trees that count as canopy.
+const LAST_LEAST_M2: f32 = 0.3;
 /// Price of a cell under a crown that is no canopy, where canopy is worth [`CANOPY_WORTH`]. chosen on measured canopies of
-/// 1 m cells: from 3 to 10 coverage falls by about one in a hundred and overhang by two.
-const OVERHANG_PRICE: i32 = 5;
-/// Rounds that close the last openings: canopy that their trees must alone cover, m², and the price of overhang.
-const CLOSING: [(f32, i32); 6] = [(1.0, 5), (1.0, 3), (0.8, 2), (0.5, 2), (0.3, 2), (0.2, 1)];
-/// Share of that canopy which keeps a tree standing.
-const CLOSING_KEEPS_FRACTION: f32 = 0.8;
-/// They end when this share of the canopy that some species can stand in is covered.
-const COVERAGE_GOAL_FRACTION: f64 = 0.983;
-/// Rounds end when fewer than this share of the trees come or go.
-const SETTLED_CHANGE_FRACTION: f64 = 0.01;
+/// 1 m cells: at 10, a tenth more trees hang over a hundredth less.
+const OVERHANG_PRICE: i32 = 9;
+/// Once the least canopy is reached the price falls by this factor a round, so that ragged canopy is covered too.
+const PRICE_FALLS_BY: f32 = 0.5;
+/// Share of the canopy that some species can stand in which is to be covered.
+const COVERAGE_GOAL_FRACTION: f64 = 0.981;
+/// Rounds end when this much more is covered. chosen: the last conflicts uncover about as much.
+const COVERAGE_SPARE_FRACTION: f64 = 0.001;
 
 /// How trees are placed.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -57,8 +56,8 @@ pub struct PlacementParams {
 
 impl Default for PlacementParams {
     fn default() -> Self {
-        // 3 m: PAPER_NOTES §6; rounds: measured canopies change by about 1 % a round after six
-        Self { canopy_min_height_m: 3.0, max_rounds: 8 }
+        // 3 m: PAPER_NOTES §6; rounds: measured canopies take three to nine
+        Self { canopy_min_height_m: 3.0, max_rounds: 10 }
     }
 }
 
@@ -98,10 +97,10 @@ pub fn place(
     renderer: &mut dyn RenderVisibility,
     reporter: &Reporter,
 ) -> Result<Placed, PlacementError> {
-    let stage = reporter.stage("placement", (params.max_rounds + CLOSING.len()) as u64);
+    let stage = reporter.stage("placement", params.max_rounds as u64);
     let cells = ground.cells;
     let worth_of_m2 = |m2: f32| (m2 * CANOPY_WORTH as f32 / (cells.cell_m * cells.cell_m)) as i32;
-    let tiling = Tiling::new(cells.size, ground.widest());
+    let tiling = Tiling::new(cells.size, ground.envelopes.widest());
     let mut visibility = Visibility::default();
     let mut render = |stand: &Stand, visibility: &mut Visibility| {
         renderer
@@ -121,66 +120,54 @@ pub fn place(
     drop(tops);
 
     // rounds of Algorithm 1
-    let mut rounds = 0;
-    let mut least_m2 = FIRST_LEAST_M2;
-    while rounds < params.max_rounds {
-        reporter.check_cancelled()?;
-        let least = worth_of_m2(least_m2);
-        let seeds = seeding::openings(ground, tiling, &cover, OVERHANG_PRICE, least);
-        let added = seeds.len();
-        seeds.into_iter().for_each(|seed| stand.seed(ground, seed, false));
-        render(&stand, &mut visibility)?;
-        let is_fed = fed(ground, &stand, &visibility);
-        let starved = is_fed.iter().filter(|fed| !**fed).count();
-        shift(ground, &mut stand, &visibility);
-        stand.keep(&is_fed);
-        let mut dropped = starved + conflicts::resolve(cells, &mut stand, true);
-        cover.count_all(&stand.crowns);
-        let top_least = worth_of_m2(TOP_LEAST_M2);
-        let least_of =
-            |tree: usize, stand: &Stand| if stand.is_top[tree] { top_least } else { least };
-        dropped += crown_fit::fit(ground, tiling, &cover, OVERHANG_PRICE, least_of, &mut stand);
-        least_m2 = (least_m2 * LEAST_FALLS_BY).max(LAST_LEAST_M2);
-        rounds += 1;
-        stage.advance(1);
-        let changed_fraction = (added + dropped) as f64 / stand.len().max(1) as f64;
-        if least_m2 <= LAST_LEAST_M2 && changed_fraction < SETTLED_CHANGE_FRACTION {
-            break;
-        }
-    }
-
     let is_plantable: Vec<bool> = (0..cells.is_canopy.len())
         .into_par_iter()
         .map(|index| cells.is_plantable(index, ground.species))
         .collect();
-
-    // the last openings, at a lower and lower price, until the canopy is covered
-    for (least_m2, price) in CLOSING {
+    let mut rounds = 0;
+    let (mut least_m2, mut price) = (FIRST_LEAST_M2, OVERHANG_PRICE as f32);
+    while rounds < params.max_rounds {
         reporter.check_cancelled()?;
-        let seeds = seeding::openings(ground, tiling, &cover, price, worth_of_m2(least_m2));
-        seeds.into_iter().for_each(|seed| stand.seed(ground, seed, false));
-        let keeps = worth_of_m2(least_m2 * CLOSING_KEEPS_FRACTION);
-        for _ in 0..2 {
-            crown_fit::fit(ground, tiling, &cover, price, |_, _| keeps, &mut stand);
+        let least = worth_of_m2(least_m2);
+        for seed in seeding::openings(ground, tiling, &cover, price as i32, least) {
+            stand.seed(ground, seed, false);
         }
+        render(&stand, &mut visibility)?;
+        let is_fed = fed(ground, &stand, &visibility);
+        shift(ground, &mut stand, &visibility);
+        stand.keep(&is_fed);
         conflicts::resolve(cells, &mut stand, true);
         cover.count_all(&stand.crowns);
+        let top_least = worth_of_m2(TOP_LEAST_M2).min(least);
+        let least_of =
+            |tree: usize, stand: &Stand| if stand.top[tree] == NO_TOP { least } else { top_least };
+        crown_fit::fit(ground, tiling, &cover, price as i32, least_of, &mut stand);
+        rounds += 1;
         stage.advance(1);
-        if cover.covered_fraction(&is_plantable) >= COVERAGE_GOAL_FRACTION {
+        let covered_fraction = cover.covered_fraction(&is_plantable);
+        if covered_fraction >= COVERAGE_GOAL_FRACTION + COVERAGE_SPARE_FRACTION {
             break;
+        }
+        if least_m2 > LAST_LEAST_M2 {
+            least_m2 = (least_m2 * LEAST_FALLS_BY).max(LAST_LEAST_M2);
+        } else {
+            price *= PRICE_FALLS_BY;
         }
     }
     conflicts::resolve(cells, &mut stand, false);
+    cover.count_all(&stand.crowns);
+    thin(ground, &cover, &is_plantable, &mut stand);
     drop(cover);
     render(&stand, &mut visibility)?;
     Ok(Placed { stand, visibility, rounds })
 }
 
-/// Moves trees that hold no top towards the middle of the canopy that they show.
+/// Moves trees that make no top and have not settled towards the middle of the canopy that they show.
 fn shift(ground: &Ground<'_>, stand: &mut Stand, visibility: &Visibility) {
     for tree in 0..stand.len() {
         let cells = visibility.canopy_cells[tree] as i32; // a crown has a few thousand
-        if stand.is_top[tree] || cells == 0 {
+        let is_settled = stand.settled_worth[tree] != UNSETTLED;
+        if stand.top[tree] != NO_TOP || is_settled || cells == 0 {
             continue;
         }
         let moved = |at: i32, sum: i32| {
@@ -191,8 +178,44 @@ fn shift(ground: &Ground<'_>, stand: &mut Stand, visibility: &Visibility) {
         };
         let x = moved(stand.crowns.x[tree], visibility.sum_cols[tree]);
         let y = moved(stand.crowns.y[tree], visibility.sum_rows[tree]);
-        stand.shift(ground, tree, x, y);
+        stand.move_to(ground, tree, x, y);
     }
+}
+
+/// Drops the trees that alone cover least, as long as enough canopy stays covered.
+fn thin(ground: &Ground<'_>, cover: &Cover, is_plantable: &[bool], stand: &mut Stand) {
+    let canopy = is_plantable.par_iter().filter(|plantable| **plantable).count() as f64;
+    let covered_fraction = cover.covered_fraction(is_plantable);
+    let mut spare = ((covered_fraction - COVERAGE_GOAL_FRACTION) * canopy) as i64; // cells; none if below 0
+    let cols = ground.cells.size.cols;
+    let alone = |tree: usize, stand: &Stand| -> i64 {
+        let crowns = &stand.crowns;
+        disk_spans(crowns.x[tree], crowns.y[tree], crowns.radius[tree], ground.cells.size)
+            .map(|span| span.row * cols + span.first_col..span.row * cols + span.end_col)
+            .map(|cells| {
+                let counts = cover.counts(cells.clone()).zip(&is_plantable[cells]);
+                counts.filter(|&(count, &plantable)| count == 1 && plantable).count() as i64
+            })
+            .sum()
+    };
+    let mut order: Vec<(i64, usize)> =
+        (0..stand.len()).into_par_iter().map(|tree| (alone(tree, stand), tree)).collect();
+    order.par_sort_unstable();
+    let mut is_kept = vec![true; stand.len()];
+    for (_, tree) in order {
+        if spare <= 0 {
+            break;
+        }
+        // what it covers alone grows with every neighbour that goes
+        let cells = alone(tree, stand);
+        if cells <= spare {
+            spare -= cells;
+            is_kept[tree] = false;
+            let crowns = &stand.crowns;
+            cover.remove(crowns.x[tree], crowns.y[tree], crowns.radius[tree]);
+        }
+    }
+    stand.keep(&is_kept);
 }
 
 /// Whether each tree shows enough of its crown to live.
@@ -214,11 +237,11 @@ fn fed(ground: &Ground<'_>, stand: &Stand, visibility: &Visibility) -> Vec<bool>
 mod tests {
     use std::sync::Arc;
 
+    use super::super::envelopes::{CROWN_ENVELOPE_FRACTION, Envelopes};
     use super::super::generate::{self, GenerateParams};
     use super::super::quality::{self, Quality};
     use super::super::site::Site;
     use super::super::species_map::{NO_SPECIES, SpeciesMap};
-    use super::super::stand::CROWN_ENVELOPE_FRACTION;
     use super::super::trees;
     use super::super::visibility::CpuVisibility;
     use super::super::working_cells::WorkingCells;
@@ -271,7 +294,8 @@ mod tests {
         let mask = Arc::new(Mask::new(is_land));
         let chm_m = Grid::new(Arc::clone(chm_m.frame()), mask, chm_m.into_values());
         let species = species(&chm_m, &biome);
-        let cells = WorkingCells::new(&chm_m, 3.0);
+        let cells = WorkingCells::new(&chm_m, chm_m.mask(), 3.0);
+        let envelopes = Envelopes::new(&biome, cells.units_per_m(), chm_m.range().unwrap().1);
         let ground = Ground {
             cells: &cells,
             chm_m: &chm_m,
@@ -279,6 +303,7 @@ mod tests {
             lowest_m: terrain.elevation_m.range().unwrap().0,
             species: &species,
             biome: &biome,
+            envelopes: &envelopes,
         };
         let params = PlacementParams::default();
         let placed = place(&ground, &params, &mut CpuVisibility, &reporter).unwrap();
@@ -306,9 +331,8 @@ mod tests {
                 // within the species' envelope, but for whole rings of a crown
                 let typical = biome.species[usize::from(plants.species[i])]
                     .crown_radius_m(plants.height_m[i]);
-                let slack = 0.25 * (cell_m as f32).min(1.0) + 1e-3;
-                assert!(r <= typical * (1.0 + CROWN_ENVELOPE_FRACTION) + slack);
-                assert!(r >= typical * (1.0 - CROWN_ENVELOPE_FRACTION) - slack);
+                assert!(r <= typical * (1.0 + CROWN_ENVELOPE_FRACTION) + 1e-3);
+                assert!(r >= typical * (1.0 - CROWN_ENVELOPE_FRACTION) - 1e-3);
                 assert!(plants.dbh_m[i] > 0.0 && plants.age_years[i] > 0.0);
                 for j in 0..i {
                     let distance = f32::hypot(plants.east_m[j] - x, plants.north_m[j] - y);
@@ -349,7 +373,8 @@ mod tests {
         let (terrain, _) = land(40, 40, 1.0);
         let chm_m = terrain.elevation_m.with_values(vec![0.0; 1600]);
         let species = species(&chm_m, &biome);
-        let cells = WorkingCells::new(&chm_m, 3.0);
+        let cells = WorkingCells::new(&chm_m, chm_m.mask(), 3.0);
+        let envelopes = Envelopes::new(&biome, cells.units_per_m(), chm_m.range().unwrap().1);
         let ground = Ground {
             cells: &cells,
             chm_m: &chm_m,
@@ -357,6 +382,7 @@ mod tests {
             lowest_m: 300.0,
             species: &species,
             biome: &biome,
+            envelopes: &envelopes,
         };
         let params = PlacementParams::default();
         let placed = place(&ground, &params, &mut CpuVisibility, &Reporter::silent()).unwrap();

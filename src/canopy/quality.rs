@@ -105,3 +105,32 @@ fn row_counts(ground: &Ground<'_>, stand: &Stand, visibility: &Visibility, row: 
     }
     counts
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::stand::fixture::on_ground;
+    use super::super::visibility::{CpuVisibility, RenderVisibility};
+    use super::*;
+    use crate::raster::Cell;
+
+    #[test]
+    fn one_crown_is_counted_by_hand() {
+        // canopy in the west half; a crown of 2.5 m with its trunk on the last column of it
+        let height_m = |cell: Cell| if cell.col < 10 { 12.0 } else { 0.0 };
+        on_ground([20, 20], height_m, "redwood", |ground| {
+            let mut stand = Stand::default();
+            stand.plant(ground, [10, 9], 80, false);
+            stand.height_m[0] += 1.5;
+            let mut visibility = Visibility::default();
+            CpuVisibility.render(&stand.crowns, ground.cells.canopy(), &mut visibility).unwrap();
+            let quality = measure(ground, &stand, &visibility);
+            // columns of 5, 5, 3 cells on the canopy, 5 and 3 beyond it
+            assert_eq!(quality.coverage_fraction, 13.0 / 200.0);
+            assert_eq!(quality.overhang_fraction, 8.0 / 21.0);
+            assert_eq!(quality.unsuitable_fraction, 0.0);
+            assert!((quality.height_rmse_m - 1.5).abs() < 1e-6);
+            // 1.5 m over the canopy in the middle, lower outwards by the sphere
+            assert!(quality.surface_rmse_m < 1.5 && quality.surface_rmse_m > 0.3);
+        });
+    }
+}

@@ -11,9 +11,9 @@ use std::collections::BinaryHeap;
 
 use rayon::prelude::*;
 
-use super::cover::Cover;
-use super::crown_fit::{CANOPY_WORTH, Fit, best_fit};
-use super::crowns::{UNITS_PER_CELL, disk_spans, middle_units};
+use super::cover::{Cover, OpenCells};
+use super::crown_fit::{CANOPY_WORTH, Surroundings};
+use super::crowns::{CenteredDisks, UNITS_PER_CELL, middle_units};
 use super::stand::{Ground, Standing};
 use super::tiles::Tiling;
 use crate::math;
@@ -22,11 +22,6 @@ use crate::math;
 /// on finer surfaces; half a metre is what foresters' tools use on 1 m cells.
 const TOP_BLUR_SIGMA_M: f32 = 0.5;
 
-/// How far from a top its trunk may stand, as a share of the species' crown radius. chosen: crowns are lopsided where
-/// neighbours press them; at half the radius the top is still well inside the crown.
-const TRUNK_REACH_FRACTION: f32 = 0.5;
-/// How much lower than the top the canopy over its trunk may be.
-const LOWEST_BESIDE_TOP_M: f32 = 1.5;
 /// Share of a new crown's cells that must be its gain. chosen: above the share at
 /// which trees starve, so that a seed outlives its round.
 const LEAST_SHOWN_FRACTION: f32 = 0.25;
@@ -97,7 +92,7 @@ pub struct Seed {
     pub index: usize,
     /// Radius in units.
     pub radius: i32,
-    /// What it is; a tree beside a top has the top's height.
+    /// What it is.
     pub standing: Standing,
 }
 
@@ -120,11 +115,13 @@ pub fn accepted_tops(
         listed.sort_by(|(a, a_index), (b, b_index)| {
             b.height_m.total_cmp(&a.height_m).then(a_index.cmp(b_index))
         });
-        let accept = |(standing, top): (Standing, usize)| {
-            let (index, fit) = beside_top(ground, cover, price, &standing, top)?;
+        let mut around = Surroundings::default();
+        let accept = |(standing, index): (Standing, usize)| {
+            let [x, y] = place(ground, index);
+            around.look(ground, cover, [x, y], standing.widest, price);
+            let fit = around.best_fit([0, 0], [standing.narrowest, standing.widest]);
             let least = least_worth_fraction * disk_worth(standing.narrowest);
             (fit.worth as f32 >= least).then(|| {
-                let [x, y] = place(ground, index);
                 cover.add(x, y, fit.radius);
                 Seed { index, radius: fit.radius, standing }
             })
@@ -132,38 +129,6 @@ pub fn accepted_tops(
         listed.into_iter().filter_map(accept).collect::<Vec<_>>()
     });
     accepted.concat()
-}
-
-/// Where around a top its trunk's crown is worth most, and that crown; of equals the nearest to the top.
-fn beside_top(
-    ground: &Ground<'_>,
-    cover: &Cover,
-    price: i32,
-    standing: &Standing,
-    top: usize,
-) -> Option<(usize, Fit)> {
-    let size = ground.cells.size;
-    let [x, y] = place(ground, top);
-    let typical = i32::midpoint(standing.narrowest, standing.widest) as f32;
-    let reach = (typical * TRUNK_REACH_FRACTION) as i32; // shorter than a crown
-    let is_near_enough = |index: usize| {
-        let scene = ground.cells.scene_index(index);
-        index == top
-            || (ground.cells.is_canopy[index]
-                && ground.species.values()[scene] == standing.species
-                && ground.chm_m.values()[scene] > standing.height_m - LOWEST_BESIDE_TOP_M)
-    };
-    disk_spans(x, y, reach, size)
-        .flat_map(|span| (span.first_col..span.end_col).map(move |col| span.row * size.cols + col))
-        .filter(|&index| is_near_enough(index))
-        .map(|index| {
-            let at = place(ground, index);
-            let fit = best_fit(ground, cover, at, [standing.narrowest, standing.widest], 0, price);
-            let (dx, dy) = (at[0] - x, at[1] - y);
-            (index, fit, dx * dx + dy * dy)
-        })
-        .max_by_key(|&(index, fit, squared)| (fit.worth, Reverse(squared), Reverse(index)))
-        .map(|(index, fit, _)| (index, fit))
 }
 
 /// Middle of a working cell, in units.
@@ -178,8 +143,8 @@ fn disk_worth(radius: i32) -> f32 {
     (std::f32::consts::PI * cells * cells).max(1.0) * CANOPY_WORTH as f32
 }
 
-/// New trees for canopy that no crown covers: the most worth first, each with the crown that fits what those before it
-/// leave, until none is worth `least_worth`. `cover` then counts them.
+/// New trees that reach canopy which no crown covers: the most worth first, each with the crown that fits what those
+/// before it leave, until none is worth `least_worth`. `cover` then counts them.
 pub fn openings(
     ground: &Ground<'_>,
     tiling: Tiling,
@@ -188,25 +153,35 @@ pub fn openings(
     least_worth: i32,
 ) -> Vec<Seed> {
     let size = ground.cells.size;
-    let fit_at = |index: usize| {
+    let open = OpenCells::of(cover, &ground.cells.is_canopy);
+    let disks = CenteredDisks::new(ground.envelopes.widest());
+    let fit_at = |index: usize, around: &mut Surroundings| {
+        // most candidates find too little: counted before anything else, in the widest crown that may stand here
+        let [narrowest, widest] = ground.widest_envelope(index)?;
+        let least_gain = least_worth.max((LEAST_SHOWN_FRACTION * disk_worth(narrowest)) as i32);
+        let (row, col) = (index / size.cols, index % size.cols);
+        let most_cells = open.count_in_disk(row, col, disks.half_widths(widest));
+        if (most_cells as i32) * CANOPY_WORTH < least_gain {
+            return None;
+        }
         let standing = ground.standing(index)?;
-        let fit = best_fit(
-            ground,
-            cover,
-            place(ground, index),
-            [standing.narrowest, standing.widest],
-            0,
-            price,
-        );
+        let [x, y] = place(ground, index);
+        around.look(ground, cover, [x, y], standing.widest, price);
+        let fit = around.best_fit([0, 0], [standing.narrowest, standing.widest]);
         let least = (LEAST_SHOWN_FRACTION * disk_worth(fit.radius)) as i32;
         (fit.worth >= least_worth.max(least)).then_some((fit, standing))
     };
-    let is_open = |index: usize| ground.cells.is_canopy[index] && cover.count(index) == 0;
-    let candidates: Vec<(i32, usize)> = (0..size.rows * size.cols)
+    let candidates: Vec<(i32, usize)> = (0..size.rows)
         .into_par_iter()
-        .with_min_len(size.cols)
-        .filter(|&index| is_open(index))
-        .filter_map(|index| Some((fit_at(index)?.0.worth, index)))
+        .flat_map_iter(|row| {
+            let mut around = Surroundings::default();
+            let cells = row * size.cols..(row + 1) * size.cols;
+            let counts = cover.counts(cells.clone());
+            // from higher canopy beside an opening, which a crown covers already, a wider one reaches into it
+            let near_openings = cells.zip(counts).filter(|&(_, count)| count <= 1);
+            near_openings
+                .filter_map(move |(index, _)| Some((fit_at(index, &mut around)?.0.worth, index)))
+        })
         .collect();
     let by_tile = tiling.sorted(candidates.iter().map(|&(_, index)| place(ground, index).into()));
     let found = tiling.run(|tile| {
@@ -216,9 +191,10 @@ pub fn openings(
             .map(|&at| candidates[at as usize])
             .map(|(worth, index)| (worth, Reverse(index)))
             .collect();
+        let mut around = Surroundings::default();
         let mut seeds = Vec::new();
         while let Some((worth, Reverse(index))) = heap.pop() {
-            let Some((fit, standing)) = fit_at(index) else { continue };
+            let Some((fit, standing)) = fit_at(index, &mut around) else { continue };
             if fit.worth < worth {
                 heap.push((fit.worth, Reverse(index)));
                 continue;
@@ -230,4 +206,74 @@ pub fn openings(
         seeds
     });
     found.concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::stand::fixture::on_ground;
+    use super::*;
+    use crate::raster::Cell;
+
+    /// Cones of 15 m on bare ground, 14 m apart.
+    fn cones(slope: f32) -> impl Fn(Cell) -> f32 {
+        let off = |at: usize| (at % 14) as f32 - 7.0;
+        move |Cell { row, col }| (15.0 - slope * f32::hypot(off(row), off(col))).max(0.0)
+    }
+
+    #[test]
+    fn every_cone_has_one_top_and_a_plateau_its_first_cell() {
+        on_ground([56, 42], cones(2.0), "redwood", |ground| {
+            let expected: Vec<usize> = (0..4)
+                .flat_map(|row| (0..3).map(move |col| (7 + 14 * row) * 42 + 7 + 14 * col))
+                .collect();
+            assert_eq!(tops(ground), expected);
+        });
+        on_ground([9, 9], |_| 10.0, "redwood", |ground| assert_eq!(tops(ground), [0]));
+        on_ground([9, 9], |_| 2.9, "redwood", |ground| assert_eq!(tops(ground), [0_usize; 0]));
+    }
+
+    #[test]
+    fn tops_come_before_their_flanks_and_openings_fill_what_is_left() {
+        // as wide as a crown
+        on_ground([56, 42], cones(4.0), "redwood", |ground| {
+            let tiling = Tiling::new(ground.cells.size, ground.envelopes.widest());
+            let cover = Cover::new(ground.cells.size);
+            let mut listed = tops(ground);
+            listed.push(listed[0] + 1); // a branch beside the first top
+            let seeds = accepted_tops(ground, tiling, &cover, &listed, 9, 0.4);
+            let mut places: Vec<usize> = seeds.iter().map(|seed| seed.index).collect();
+            places.sort_unstable();
+            assert_eq!(places, tops(ground));
+        });
+        // wider than a crown
+        on_ground([56, 42], cones(2.0), "redwood", |ground| {
+            let tiling = Tiling::new(ground.cells.size, ground.envelopes.widest());
+            let cover = Cover::new(ground.cells.size);
+            accepted_tops(ground, tiling, &cover, &tops(ground), 9, 0.4);
+            let covered = cover.covered_fraction(&ground.cells.is_canopy);
+            let seeds = openings(ground, tiling, &cover, 9, 2 * CANOPY_WORTH);
+            assert!(!seeds.is_empty());
+            assert!(cover.covered_fraction(&ground.cells.is_canopy) > covered);
+            for seed in &seeds {
+                assert!(ground.cells.is_canopy[seed.index]);
+                assert!(seed.radius >= seed.standing.narrowest);
+                assert!(seed.radius <= seed.standing.widest);
+            }
+            // nothing is left that is worth as much
+            assert!(openings(ground, tiling, &cover, 9, 2 * CANOPY_WORTH).is_empty());
+        });
+    }
+
+    #[test]
+    fn blur_keeps_level_surfaces_and_sums() {
+        let level = blur(&[4.0; 63], 9, 1.0);
+        assert!(level.iter().all(|v| (v - 4.0).abs() < 1e-5));
+        let mut spike = vec![0.0; 21 * 21];
+        spike[10 * 21 + 10] = 1.0;
+        let blurred = blur(&spike, 21, 1.5);
+        assert!((blurred.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+        // the normal density, cut off at three sigma
+        assert!((blurred[10 * 21 + 10] - 1.0 / (2.0 * std::f32::consts::PI * 2.25)).abs() < 1e-3);
+        assert!((blurred[10 * 21 + 7] - blurred[7 * 21 + 10]).abs() < 1e-7);
+    }
 }

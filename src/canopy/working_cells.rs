@@ -7,11 +7,15 @@ use rayon::prelude::*;
 use super::crowns::{GridSize, UNITS_PER_CELL};
 use super::species_map::{NO_SPECIES, SpeciesMap};
 use super::visibility::CanopyCells;
-use crate::raster::Grid;
+use crate::raster::{Grid, Mask};
 
-/// Working cells are no wider than this. chosen: the crowns of 3 m trees, the lowest that count as canopy, are about 2 m
-/// wide; wider cells would give them the shape of a cell.
+/// Wider scene cells are cut into working cells no wider than this. chosen: the crowns of trees of 8 m are about 4 m wide;
+/// on cells a quarter as wide they are still round.
 const MAX_WORKING_CELL_M: f64 = 1.0;
+/// The same where half of the canopy is lower than [`LOW_CANOPY_M`]. chosen: the crowns of 3 m trees, the lowest that count
+/// as canopy, are about 2 m wide.
+const MAX_WORKING_CELL_LOW_M: f64 = 0.5;
+const LOW_CANOPY_M: f32 = 8.0;
 
 /// The canopy on working cells: each scene cell cut into `per_cell` × `per_cell`.
 #[derive(Clone, Debug)]
@@ -33,22 +37,40 @@ pub struct WorkingCells<'a> {
 }
 
 impl<'a> WorkingCells<'a> {
-    /// Working cells of a canopy height model; cells of at least `min_height_m` are canopy.
-    pub fn new(chm_m: &'a Grid<f32>, min_height_m: f32) -> Self {
+    /// Working cells of a canopy height model; `allowed` cells of at least `min_height_m` are canopy.
+    pub fn new(chm_m: &'a Grid<f32>, allowed: &Mask, min_height_m: f32) -> Self {
         let frame = chm_m.frame();
         let scene_cell_m = frame.transform.cell_m;
-        let per_cell = (scene_cell_m / MAX_WORKING_CELL_M).ceil().max(1.0) as usize; // at most a few
-        let size = GridSize { rows: frame.rows * per_cell, cols: frame.cols * per_cell };
+        let is_land: Vec<bool> = chm_m
+            .mask()
+            .as_slice()
+            .par_iter()
+            .zip(allowed.as_slice())
+            .map(|(&valid, &allowed)| valid && allowed)
+            .collect();
         let is_scene_canopy: Vec<bool> = chm_m
             .values()
             .par_iter()
-            .zip(chm_m.mask().as_slice())
-            .map(|(&h, &valid)| valid && h >= min_height_m)
+            .zip(&is_land)
+            .map(|(&h, &land)| land && h >= min_height_m)
             .collect();
+        let per_cell = if scene_cell_m <= MAX_WORKING_CELL_M {
+            1
+        } else {
+            let heights = chm_m.values().par_iter().zip(&is_scene_canopy);
+            let (all, low) = heights
+                .filter(|(_, is_canopy)| **is_canopy)
+                .map(|(&h, _)| (1_usize, usize::from(h < LOW_CANOPY_M)))
+                .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+            let is_low = 2 * low > all;
+            let widest_m = if is_low { MAX_WORKING_CELL_LOW_M } else { MAX_WORKING_CELL_M };
+            (scene_cell_m / widest_m).ceil() as usize // at most a few dozen
+        };
+        let size = GridSize { rows: frame.rows * per_cell, cols: frame.cols * per_cell };
         let (surface_m, is_canopy) = if per_cell == 1 {
             (Cow::Borrowed(chm_m.values()), is_scene_canopy)
         } else {
-            let surface = refined(chm_m, per_cell, size);
+            let surface = refined(chm_m, &is_land, per_cell, size);
             let spread = (0..size.rows * size.cols)
                 .into_par_iter()
                 .map(|i| {
@@ -86,6 +108,14 @@ impl<'a> WorkingCells<'a> {
         cell(y, self.size.rows) * self.size.cols + cell(x, self.size.cols)
     }
 
+    /// The same; `None` outside the grid.
+    #[inline]
+    pub fn index_within(&self, x: i32, y: i32) -> Option<usize> {
+        let is_within = |at: i32, cells: usize| at >= 0 && super::crowns::cell_of_units(at) < cells;
+        let is_inside = is_within(x, self.size.cols) && is_within(y, self.size.rows);
+        is_inside.then(|| self.index_at(x, y))
+    }
+
     /// Units in a metre.
     #[inline]
     pub fn units_per_m(&self) -> f32 {
@@ -106,10 +136,9 @@ impl<'a> WorkingCells<'a> {
 }
 
 /// The surface between cell centres by Catmull–Rom splines, so that tops lie between cells where their neighbours say so;
-/// never below ground. Masked cells count as ground.
-fn refined(chm_m: &Grid<f32>, per_cell: usize, size: GridSize) -> Vec<f32> {
+/// never below ground. What is no land counts as ground.
+fn refined(chm_m: &Grid<f32>, is_land: &[bool], per_cell: usize, size: GridSize) -> Vec<f32> {
     let frame = chm_m.frame();
-    let valid = chm_m.mask().as_slice();
     let weights: Vec<[f32; 4]> = (0..per_cell)
         .map(|sub| {
             let offset = (sub as f32 + 0.5) / per_cell as f32 - 0.5;
@@ -132,7 +161,7 @@ fn refined(chm_m: &Grid<f32>, per_cell: usize, size: GridSize) -> Vec<f32> {
             .map(|col| {
                 let at = |i: usize| {
                     let index = rows[i] * frame.cols + col;
-                    if valid[index] { chm_m.values()[index].max(0.0) } else { 0.0 }
+                    if is_land[index] { chm_m.values()[index].max(0.0) } else { 0.0 }
                 };
                 (0..4).map(|i| row_weights[i] * at(i)).sum()
             })
@@ -170,7 +199,7 @@ mod tests {
     fn cells_up_to_a_metre_stay_as_they_are() {
         for cell_m in [0.5, 1.0] {
             let chm = ramp(cell_m);
-            let cells = WorkingCells::new(&chm, 3.0);
+            let cells = WorkingCells::new(&chm, chm.mask(), 3.0);
             assert_eq!((cells.per_cell, cells.size.rows), (1, 8));
             assert_eq!(cells.surface_m, chm.values());
             assert!(!cells.is_canopy[0] && cells.is_canopy[1]);
@@ -179,15 +208,19 @@ mod tests {
 
     #[test]
     fn wide_cells_are_cut_and_planes_stay_planes() {
-        for (cell_m, per_cell) in [(4.0, 4), (5.0, 5), (2.0, 2), (1.5, 2)] {
+        for (cell_m, per_cell, factor) in
+            [(4.0, 4, 1.0), (5.0, 5, 1.0), (2.0, 2, 1.0), (1.5, 2, 1.0), (4.0, 8, 0.25)]
+        {
+            // the last is lower than 8 m
             let chm = ramp(cell_m);
-            let cells = WorkingCells::new(&chm, 3.0);
+            let chm = chm.with_values(chm.values().iter().map(|h| h * factor).collect());
+            let cells = WorkingCells::new(&chm, chm.mask(), 3.0);
             assert_eq!(cells.per_cell, per_cell);
             assert!(cells.cell_m <= 1.0);
             for row in 2 * per_cell..6 * per_cell {
                 for col in 2 * per_cell..8 * per_cell {
                     let at = |cell: usize| (cell as f32 + 0.5) / per_cell as f32 - 0.5;
-                    let expected = 2.0 + at(row) + 2.0 * at(col);
+                    let expected = factor * (2.0 + at(row) + 2.0 * at(col));
                     let index = row * cells.size.cols + col;
                     assert!((cells.surface_m[index] - expected).abs() < 1e-3, "{row} {col}");
                     let scene = row / per_cell * 10 + col / per_cell;

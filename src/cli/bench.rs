@@ -113,7 +113,12 @@ struct PreparedCanopy {
 const KAPP_CELL_M: f64 = 0.914;
 
 impl PreparedCanopy {
-    fn new(size: usize, trees_per_ha: f32, reporter: &Reporter) -> Result<Self, Error> {
+    fn new(
+        size: usize,
+        trees_per_ha: f32,
+        stand_height_m: f32,
+        reporter: &Reporter,
+    ) -> Result<Self, Error> {
         let reporter = reporter.silenced();
         let params = GenerateParams {
             rows: size,
@@ -127,7 +132,6 @@ impl PreparedCanopy {
         let maps = abiotics::run(&terrain, &biome.climate, &params, &reporter)?;
         let site = Site::of(&maps);
         // low stands: crowns of Sonoma's species as tall as the generator's are wider than Table 1 leaves room for
-        let stand_height_m = 11.0;
         let canopy = canopy::generate::GenerateParams {
             stand_height_m,
             ..canopy::generate::GenerateParams::dense(trees_per_ha)
@@ -202,13 +206,13 @@ fn prepare(
         Workload::Abiotics2048 => Prepared::Terrain(generated(2048, 2.0)?),
         Workload::Abiotics4096 => Prepared::Terrain(generated(4096, 2.0)?),
         Workload::Canopy1024 => {
-            Prepared::Canopy(PreparedCanopy::new(1024, 799.0, reporter)?.into())
+            Prepared::Canopy(PreparedCanopy::new(1024, 799.0, 9.0, reporter)?.into())
         }
         Workload::Canopy2048 => {
-            Prepared::Canopy(PreparedCanopy::new(2048, 1018.0, reporter)?.into())
+            Prepared::Canopy(PreparedCanopy::new(2048, 1018.0, 7.2, reporter)?.into())
         }
         Workload::Canopy3072 => {
-            Prepared::Canopy(PreparedCanopy::new(3072, 944.0, reporter)?.into())
+            Prepared::Canopy(PreparedCanopy::new(3072, 944.0, 7.5, reporter)?.into())
         }
         Workload::ImportLaz => Prepared::File(match &arguments.laz {
             Some(path) => path.clone(),

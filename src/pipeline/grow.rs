@@ -7,6 +7,7 @@ use super::import::{self, ImportRequest};
 use super::scene_files::{StageFiles, mean};
 use super::{Error, brush, exclusion};
 use crate::canopy::brush::Brush;
+use crate::canopy::envelopes::Envelopes;
 use crate::canopy::limits;
 use crate::canopy::placement::{self, Placed, PlacementError, PlacementParams};
 use crate::canopy::quality::{self, Quality};
@@ -30,7 +31,6 @@ use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::terrain::import::Resampling;
 use crate::terrain::onto_frame::registered;
-use crate::terrain::point_cloud::without_pits;
 
 /// Name of the stage in `scene.toml`.
 pub const STAGE: &str = "canopy";
@@ -281,19 +281,18 @@ pub fn grow(
     tell_of_species(&species, biome, reporter);
 
     // trees; ground that is kept free is no canopy
-    let is_land: Vec<bool> =
-        chm_m.mask().as_slice().iter().zip(allowed.as_slice()).map(|(a, b)| *a && *b).collect();
-    let frame = Arc::clone(chm_m.frame());
-    let chm_m = Grid::new(frame, Arc::new(Mask::new(is_land)), chm_m.values().to_vec());
-    let cells = WorkingCells::new(&chm_m, canopy_min_height_m);
+    let cells = WorkingCells::new(chm_m, allowed, canopy_min_height_m);
+    let highest_m = chm_m.range().map_or(0.0, |(_, highest)| highest);
+    let envelopes = Envelopes::new(biome, cells.units_per_m(), highest_m);
     let lowest_m = terrain.elevation_m.range().map_or(0.0, |(lowest, _)| lowest);
     let ground = Ground {
         cells: &cells,
-        chm_m: &chm_m,
+        chm_m,
         elevation_m: &terrain.elevation_m,
         lowest_m,
         species: &species.map,
         biome,
+        envelopes: &envelopes,
     };
     let placed = placement::place(&ground, &request.placement, &mut *renderer, reporter);
     let Placed { stand, visibility, rounds } = placed.map_err(|e| match e {
@@ -418,10 +417,6 @@ fn canopy_height(
     if chm_m.mask().valid_count() == 0 {
         let what = format!("{named}: does not overlap the terrain; check its CRS and place");
         return Err(Error::Usage { what });
-    }
-    let (chm_m, pits) = without_pits(&chm_m);
-    if pits > 0 {
-        say(format!("{named}: filled pits in the canopy: {pits} cells"));
     }
     Ok(chm_m)
 }

@@ -20,7 +20,7 @@ use crate::terrain::mosaic::NamedRaster;
 use crate::terrain::{Terrain, cloud_import};
 
 /// Raised whenever a stage's results change, so that older scenes are made anew; `tests/golden.rs` tells when.
-pub const RESULTS_VERSION: u32 = 2;
+pub const RESULTS_VERSION: u32 = 3;
 
 /// Bytes read of a climate file at most; chosen: above what the parser takes, so that it tells.
 const MAX_CLIMATE_BYTES: u64 = 16 << 20;

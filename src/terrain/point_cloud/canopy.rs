@@ -41,21 +41,6 @@ const PIT_NEIGHBOURS: usize = 6;
 /// Rounds of filling: the second closes pits of two cells.
 const PIT_ROUNDS: usize = 2;
 
-/// A canopy height model without pits, and how many cells were filled; where cells are wider than a metre, as it is.
-/// Masked cells stay so, and tell nothing of their neighbours.
-pub fn without_pits(chm_m: &Grid<f32>) -> (Grid<f32>, usize) {
-    let cols = chm_m.frame().cols;
-    if chm_m.frame().transform.cell_m > PIT_CELL_M {
-        return (chm_m.clone(), 0);
-    }
-    let valid = chm_m.mask().as_slice();
-    let mut heights: Vec<Option<f32>> =
-        chm_m.values().iter().zip(valid).map(|(&h, &valid)| valid.then_some(h)).collect();
-    let filled = (0..PIT_ROUNDS).map(|_| fill_pits(&mut heights, cols)).sum();
-    let values = heights.into_iter().map(Option::unwrap_or_default).collect();
-    (chm_m.with_values(values), filled)
-}
-
 /// DSM and CHM over a DEM; birds are taken from the returns, so neither has them.
 pub(super) fn surfaces(
     cloud: &PointCloud,

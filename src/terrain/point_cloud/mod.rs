@@ -10,8 +10,6 @@ pub mod synthetic;
 mod triangulation;
 mod voids;
 
-pub use canopy::without_pits;
-
 use std::sync::Arc;
 
 use crate::io::las::PointCloud;
