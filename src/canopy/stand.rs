@@ -163,7 +163,7 @@ impl Stand {
     }
 
     /// What a tree would be with its trunk at a place in units; `None` where it cannot stand. A tree that makes a top of
-    /// the canopy keeps its height and species, and stays within [`TOP_REACH_FRACTION`] of it.
+    /// the canopy keeps its height and species, and the top stays well within its crown.
     pub fn standing_at(
         &self,
         ground: &Ground<'_>,
