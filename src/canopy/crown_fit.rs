@@ -39,6 +39,8 @@ pub struct Surroundings {
     worth: Vec<i32>,
     /// Which step each cell lies in.
     steps: Vec<i32>,
+    /// How much wider than it must be a crown is made where that costs nothing.
+    free_units: i32,
 }
 
 impl Surroundings {
@@ -53,6 +55,8 @@ impl Surroundings {
         price: i32,
     ) {
         let size = ground.cells.size;
+        // middles of working cells are but samples of wider scene cells
+        self.free_units = if ground.cells.per_cell > 1 { UNITS_PER_CELL / 2 } else { 0 };
         self.dx.clear();
         self.dy.clear();
         self.worth.clear();
@@ -103,10 +107,20 @@ impl Surroundings {
         let mut worth = 0;
         for step in (0..=innermost).rev() {
             worth += worth_of[step as usize + 1]; // not negative
+            worth_of[step as usize + 1] = worth;
             let radius = widest - (step << step_log2);
             best = best.max((worth, -(radius - middle).abs(), radius));
         }
-        Fit { radius: best.2, worth: best.0 }
+
+        // then wider, for what lies between the cells' middles
+        let (worth, _, narrow) = best;
+        let wider = (0..=innermost).rev().map(|step| (step, widest - (step << step_log2)));
+        let radius = wider
+            .filter(|&(_, radius)| (narrow..=narrow + self.free_units).contains(&radius))
+            .take_while(|&(step, _)| worth_of[step as usize + 1] == worth)
+            .last()
+            .map_or(narrow, |(_, radius)| radius);
+        Fit { radius, worth }
     }
 }
 

@@ -33,6 +33,7 @@ pub fn measure(ground: &Ground<'_>, stand: &Stand, visibility: &Visibility) -> Q
         .collect::<Vec<_>>()
         .into_iter()
         .fold(Counts::default(), Counts::plus);
+    // from 0.0, for the sum of nothing is −0.0
     let squares: f64 = (0..stand.len())
         .map(|tree| {
             let index = cells.index_at(stand.crowns.x[tree], stand.crowns.y[tree]);
@@ -40,7 +41,7 @@ pub fn measure(ground: &Ground<'_>, stand: &Stand, visibility: &Visibility) -> Q
                 stand.height_m[tree] - ground.chm_m.values()[cells.scene_index(index)];
             f64::from(difference_m).powi(2)
         })
-        .sum();
+        .fold(0.0, |sum, square| sum + square);
     let share = |part: u64, of: u64| if of == 0 { 0.0 } else { part as f64 / of as f64 };
     Quality {
         coverage_fraction: if counts.canopy == 0 {

@@ -46,7 +46,7 @@ pub struct GrowArguments {
     /// Cells at least this high are canopy.
     #[arg(long, value_name = "METRES", default_value_t = CanopyRequest::default().placement.canopy_min_height_m)]
     min_height: f32,
-    /// Format of the table of plants.
+    /// Format of the table of plants; csv is written besides parquet, which later runs read.
     #[arg(long, value_name = "FORMAT", default_value = "parquet", value_parser = table_format)]
     table: TableFormat,
     /// Graphics card: auto uses one where there is one, require fails without. Results are the same.
@@ -90,6 +90,9 @@ fn ground(arguments: &GrowArguments, seed: u64) -> Result<(GroundSource, PathBuf
     let given = &arguments.inputs[0];
     if !given.is_dir() {
         let Some(output) = &arguments.output else {
+            if !given.exists() {
+                return usage(format!("{}: no such file or folder", given.display()));
+            }
             return usage("name the scene folder to make with -o FOLDER".to_owned());
         };
         let import = import::request(&arguments.inputs, output, &arguments.terrain, seed)?;
@@ -129,6 +132,10 @@ pub fn report_trees(manifest: &Manifest, shared: &Shared) {
     }
     let number = |key: &str| entry.figures.get(key).and_then(toml::Value::as_float).unwrap_or(0.0);
     let trees = entry.figures.get("trees").and_then(toml::Value::as_integer).unwrap_or(0);
+    if trees == 0 {
+        terminal::say("no canopy trees");
+        return;
+    }
     terminal::say(&format!(
         "{trees} canopy trees: {:.1} % of the canopy under crowns, {:.1} % of crowns off it; heights within {:.1} m of the canopy",
         100.0 * number("coverage_fraction"),

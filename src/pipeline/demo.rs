@@ -83,7 +83,7 @@ pub fn run(
         &grown,
         maps.discharge_m3_s,
         &canopy_request,
-        &request.folder,
+        (&request.folder, import::climate_name(&manifest)),
         &mut transaction,
         (String::new(), parameters),
         reporter,

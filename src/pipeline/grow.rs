@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::import::{self, ImportRequest};
+use super::measured_canopy::MeasuredCanopy;
 use super::scene_files::{StageFiles, mean};
 use super::{Error, brush, exclusion};
 use crate::canopy::brush::Brush;
@@ -25,24 +26,14 @@ use crate::io::{Limits, raster_file};
 use crate::plants::Plants;
 use crate::plants::table::TableFormat;
 use crate::progress::{Reporter, Warning};
-use crate::raster::{Crs, Frame, Grid, MONTHS, Mask};
+use crate::raster::{Grid, MONTHS, Mask};
 use crate::scene::{self, Manifest, StageEntry, Transaction};
 use crate::species::Biome;
 use crate::terrain::Terrain;
-use crate::terrain::import::Resampling;
-use crate::terrain::onto_frame::registered;
 
 /// Name of the stage in `scene.toml`.
 pub const STAGE: &str = "canopy";
 
-/// Heights above this are no canopy. The tallest tree known is 116 m.
-const MOST_CANOPY_HEIGHT_M: f32 = 120.0;
-/// Share of such cells from which the raster is no canopy height model. chosen: towers and wires are fewer.
-const MOST_TOO_HIGH_FRACTION: f64 = 0.01;
-/// Heights below this are a mark of nodata that the file does not declare.
-const LEAST_CANOPY_HEIGHT_M: f32 = -100.0;
-/// A canopy height model this much finer than the scene loses what is averaged away.
-const FINER_FACTOR: f64 = 1.5;
 /// Share of the canopy without any suitable species that is worth a warning.
 const WARN_UNSUITABLE_FRACTION: f64 = 0.02;
 
@@ -68,7 +59,7 @@ pub struct CanopyRequest {
     pub exclude_width_m: f64,
     /// Placement.
     pub placement: PlacementParams,
-    /// Format of the table of plants.
+    /// Format of the table of plants; GeoParquet is written besides any other.
     pub table: TableFormat,
     /// Whether the graphics card is used.
     pub gpu: GpuChoice,
@@ -139,25 +130,23 @@ pub struct GrownCanopy {
 /// # Errors
 /// Bad input, a full disk, a cancelled run; the folder then holds at most terrain and abiotic maps more than before.
 pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error> {
-    let (folder, mut manifest) = match &request.ground {
+    // what can be known to be wrong before anything is written
+    let folder = match &request.ground {
         GroundSource::Files(import) => {
             refuse_two_canopies(request, import)?;
-            (import.folder.clone(), import::run(import, reporter)?)
+            import.folder.clone()
         }
-        GroundSource::Scene(folder) => {
-            let manifest = Manifest::read(folder)?;
-            (folder.clone(), manifest.ok_or_else(|| no_scene(folder))?)
-        }
+        GroundSource::Scene(folder) => folder.clone(),
     };
-    let biome = Biome::builtin(&manifest.scene.biome)?;
+    let existing = Manifest::read(&folder)?;
+    let biome = Biome::builtin(match (&request.ground, &existing) {
+        (GroundSource::Files(import), _) => &import.biome,
+        (GroundSource::Scene(_), Some(manifest)) => &manifest.scene.biome,
+        (GroundSource::Scene(_), None) => return Err(no_scene(&folder)),
+    })?;
     let shares = match &request.canopy.shares {
         Some(text) => Shares::parse(text, &biome)?,
         None => Shares::default(),
-    };
-
-    // what the trees depend on
-    let of_stage = |stage: &str| {
-        manifest.stages.get(stage).map(|entry| entry.key.clone()).ok_or_else(|| no_scene(&folder))
     };
     let given: Vec<PathBuf> = (request.chm.iter())
         .chain(&request.canopy.exclude)
@@ -165,6 +154,27 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         .cloned()
         .collect();
     let inputs = import::hash_inputs(&given)?;
+    let read = |path: &PathBuf| MeasuredCanopy::read(path, request.chm_unit, reporter);
+    let measured = request.chm.as_ref().map(read).transpose()?;
+    if let GroundSource::Files(import) = &request.ground {
+        let has_cloud = import.inputs.iter().any(|path| import::is_cloud(path));
+        let had_canopy = existing.as_ref().is_some_and(|m| m.files().any(|file| file == "chm.tif"));
+        if measured.is_none() && !has_cloud && !had_canopy {
+            return Err(no_canopy(&folder));
+        }
+    }
+    if request.canopy.gpu == GpuChoice::Require {
+        Device::open(request.canopy.gpu).map_err(gpu_failed)?;
+    }
+    let mut manifest = match &request.ground {
+        GroundSource::Files(import) => import::run(import, reporter)?,
+        GroundSource::Scene(_) => existing.ok_or_else(|| no_scene(&folder))?,
+    };
+
+    // what the trees depend on
+    let of_stage = |stage: &str| {
+        manifest.stages.get(stage).map(|entry| entry.key.clone()).ok_or_else(|| no_scene(&folder))
+    };
     let canopy = &request.canopy;
     let key = import::key(&[
         STAGE,
@@ -187,7 +197,8 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     // read, grow, write
     let terrain = import::load_terrain(&folder, &manifest)?;
     let frame = Arc::clone(terrain.elevation_m.frame());
-    let chm_m = canopy_height(request, &folder, &manifest, &frame, reporter)?;
+    let chm_m = canopy_height(measured.as_ref(), &folder, &manifest, &terrain, reporter)?;
+    drop(measured);
     let allowed = allowed(&terrain, canopy, reporter)?;
     let brush = match &canopy.brush {
         None => None,
@@ -213,7 +224,7 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         &grown,
         discharge_m3_s,
         canopy,
-        &folder,
+        (&folder, import::climate_name(&manifest)),
         &mut transaction,
         (key, parameters),
         reporter,
@@ -233,6 +244,10 @@ pub(super) fn record(manifest: &mut Manifest, entry: StageEntry) {
         stage.files.retain(|file, _| !entry.files.contains_key(file));
     }
     manifest.stages.insert(STAGE.to_owned(), entry);
+}
+
+fn gpu_failed(error: crate::gpu::GpuError) -> Error {
+    Error::Failed { what: error.to_string() }
 }
 
 fn no_scene(folder: &Path) -> Error {
@@ -269,7 +284,6 @@ pub fn grow(
     reporter: &Reporter,
 ) -> Result<GrownCanopy, Error> {
     let CanopyInput { terrain, site, chm_m, allowed, biome, brush } = input;
-    let gpu_failed = |e: crate::gpu::GpuError| Error::Failed { what: e.to_string() };
     let device = Device::open(request.gpu).map_err(gpu_failed)?;
     let mut renderer =
         renderer::on_device_or(device.as_ref(), Box::new(CpuVisibility)).map_err(gpu_failed)?;
@@ -348,77 +362,30 @@ fn tell_of_species(outcome: &SpeciesOutcome, biome: &Biome, reporter: &Reporter)
 
 /// The canopy height model on the scene's frame: the user's, or the point cloud's.
 fn canopy_height(
-    request: &GrowRequest,
+    measured: Option<&MeasuredCanopy>,
     folder: &Path,
     manifest: &Manifest,
-    frame: &Arc<Frame>,
+    terrain: &Terrain,
     reporter: &Reporter,
 ) -> Result<Grid<f32>, Error> {
-    let Some(path) = &request.chm else {
-        let is_measured = manifest.files().any(|file| file == "chm.tif");
-        if !is_measured {
-            let what = format!(
-                "{}: no canopy height; give one with --chm FILE, or grow from a point cloud (LAS, LAZ)",
-                folder.display()
-            );
-            return Err(Error::Usage { what });
-        }
-        let raster = raster_file::read(&folder.join("chm.tif"), None, &Limits::default())?;
-        let mask = Arc::new(Mask::new(raster.valid));
-        return Ok(Grid::new(Arc::clone(frame), mask, raster.values));
-    };
-    let mut raster = raster_file::read(path, None, &Limits::default())?;
-    let say = |text: String| reporter.warn(Warning::Other { text });
-    let named = path.display();
+    let frame = terrain.elevation_m.frame();
+    if let Some(measured) = measured {
+        return measured.onto_scene(frame, terrain.elevation_m.mask().as_slice(), reporter);
+    }
+    if !manifest.files().any(|file| file == "chm.tif") {
+        return Err(no_canopy(folder));
+    }
+    let raster = raster_file::read(&folder.join("chm.tif"), None, &Limits::default())?;
+    let mask = Arc::new(Mask::new(raster.valid));
+    Ok(Grid::new(Arc::clone(frame), mask, raster.values))
+}
 
-    // unit and sense of the heights
-    if let Some(unit) = request.chm_unit.or(raster.vertical_unit) {
-        let factor = unit.metres() as f32; // 1 or about 0.3
-        raster.values.iter_mut().for_each(|height| *height *= factor);
-    }
-    let too_high = |(h, valid): &(&f32, &bool)| **valid && **h > MOST_CANOPY_HEIGHT_M;
-    let too_high_cells = raster.values.iter().zip(&raster.valid).filter(too_high).count();
-    let valid_cells = raster.valid.iter().filter(|valid| **valid).count();
-    if too_high_cells as f64 > MOST_TOO_HIGH_FRACTION * valid_cells as f64 {
-        let what = format!(
-            "{named}: {:.0} % of the cells are higher than {MOST_CANOPY_HEIGHT_M} m; a canopy height model holds heights above ground: subtract the terrain if this is a surface model, or give --chm-unit ft",
-            100.0 * too_high_cells as f64 / valid_cells as f64
-        );
-        return Err(Error::Usage { what });
-    }
-    for (height, valid) in raster.values.iter_mut().zip(&mut raster.valid) {
-        *valid &= (LEAST_CANOPY_HEIGHT_M..=MOST_CANOPY_HEIGHT_M).contains(height);
-        *height = if *valid { height.max(0.0) } else { 0.0 };
-    }
-    if too_high_cells > 0 {
-        say(format!(
-            "{named}: {too_high_cells} cells higher than {MOST_CANOPY_HEIGHT_M} m are left out"
-        ));
-    }
-
-    // onto the scene
-    let crs = match (&raster.crs, &frame.crs) {
-        (Some(crs), scene) if *crs != Crs::Local && *scene != Crs::Local => crs.clone(),
-        (crs, scene) => {
-            if crs.as_ref().is_some_and(|crs| crs != scene) || crs.is_none() {
-                say(format!("{named}: its coordinates are taken for the scene's ({scene})"));
-            }
-            scene.clone()
-        }
-    };
-    let cell_m = f64::hypot(raster.affine.col_dx, raster.affine.col_dy);
-    if crs == frame.crs && cell_m * FINER_FACTOR < frame.transform.cell_m {
-        say(format!(
-            "{named}: cells of {cell_m} m are averaged to the scene's {} m; give --cell {cell_m} to keep their detail",
-            frame.transform.cell_m
-        ));
-    }
-    let chm_m = registered(&raster, &crs, frame, Resampling::Auto, reporter)?;
-    if chm_m.mask().valid_count() == 0 {
-        let what = format!("{named}: does not overlap the terrain; check its CRS and place");
-        return Err(Error::Usage { what });
-    }
-    Ok(chm_m)
+fn no_canopy(folder: &Path) -> Error {
+    let what = format!(
+        "{}: no canopy height; give one with --chm FILE, or grow from a point cloud (LAS, LAZ)",
+        folder.display()
+    );
+    Error::Usage { what }
 }
 
 /// Land where trees may stand.
@@ -481,7 +448,7 @@ pub(super) fn write(
     grown: &GrownCanopy,
     discharge_m3_s: Grid<f32>,
     request: &CanopyRequest,
-    folder: &Path,
+    (folder, climate): (&Path, Option<String>),
     transaction: &mut Transaction,
     (key, parameters): (String, toml::Table),
     reporter: &Reporter,
@@ -493,7 +460,11 @@ pub(super) fn write(
     files.species("species.tif", &grown.species.map, input.biome)?;
     stage.advance(1);
     let frame = input.terrain.elevation_m.frame();
-    files.plants(&grown.plants, input.biome, frame, request.table)?;
+    // later stages read GeoParquet
+    files.plants(&grown.plants, input.biome, frame, TableFormat::Parquet)?;
+    if request.table != TableFormat::Parquet {
+        files.plants(&grown.plants, input.biome, frame, request.table)?;
+    }
     stage.advance(1);
     let maps = PreviewMaps {
         sunlight_h: Some(input.site.sun_h.clone()),
@@ -507,7 +478,7 @@ pub(super) fn write(
         }),
         ..PreviewMaps::default()
     };
-    let options = PreviewOptions { title: scene::folder_name(folder), climate: None };
+    let options = PreviewOptions { title: scene::folder_name(folder), climate };
     files.picture(&options, input.terrain, &maps)?;
     stage.advance(1);
     Ok(files.into_entry(key, parameters, figures(input, grown)))

@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::Error;
 use super::scene_files::{StageFiles, mean};
+use super::{Error, grow};
 use crate::abiotics::{self, AbioticMaps};
 use crate::export::preview::PreviewOptions;
 use crate::io::raster_file::RasterHead;
@@ -21,6 +21,9 @@ use crate::terrain::{Terrain, cloud_import};
 
 /// Raised whenever a stage's results change, so that older scenes are made anew; `tests/golden.rs` tells when.
 pub const RESULTS_VERSION: u32 = 3;
+
+/// The parameter of the abiotic stage that names its climate.
+const CLIMATE_NAME: &str = "climate_name";
 
 /// Bytes read of a climate file at most; chosen: above what the parser takes, so that it tells.
 const MAX_CLIMATE_BYTES: u64 = 16 << 20;
@@ -113,7 +116,11 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         None => Ok(false),
     };
     let terrain_is_current = current("terrain", &terrain_key)?;
-    let abiotics_are_current = terrain_is_current && current("abiotics", &abiotics_key)?;
+    // trees of another biome or seed go, and with them the sheet that shows them: maps and sheet are then made anew
+    let has_trees = existing.as_ref().is_some_and(|m| m.stages.contains_key(grow::STAGE));
+    let abiotics_are_current = terrain_is_current
+        && (head_is_current || !has_trees)
+        && current("abiotics", &abiotics_key)?;
     if let Some(manifest) = existing.as_ref().filter(|_| abiotics_are_current && head_is_current) {
         return Ok(manifest.clone());
     }
@@ -130,6 +137,18 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
     inputs.extend(hash_inputs(request.climate_file.as_slice())?);
     let mut manifest =
         Manifest { scene, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
+    let trees = manifest.stages.remove(grow::STAGE);
+    if has_trees {
+        let text = "trees grown here on other terrain, maps or species are removed";
+        reporter.warn(Warning::Other { text: text.to_owned() });
+    }
+    // the canopy that they were fitted to is the terrain's
+    let chm = trees.and_then(|trees| {
+        trees.files.get_key_value("chm.tif").map(|(name, hash)| (name.clone(), hash.clone()))
+    });
+    if let (Some(terrain), Some((name, hash))) = (manifest.stages.get_mut("terrain"), chm) {
+        terrain.files.insert(name, hash);
+    }
     reporter.check_cancelled()?;
     let mut transaction = Transaction::begin(&request.folder)?;
     if !terrain_is_current {
@@ -505,12 +524,19 @@ pub(super) fn write_abiotics(
         Some(path) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         None => request.biome.clone(),
     };
-    let options =
-        PreviewOptions { title: scene::folder_name(&request.folder), climate: Some(climate_name) };
+    let title = scene::folder_name(&request.folder);
+    let options = PreviewOptions { title, climate: Some(climate_name.clone()) };
     files.preview(&options, terrain, maps, reporter)?;
     let mut parameters = parameters(&request.abiotics)?;
+    parameters.insert(CLIMATE_NAME.to_owned(), climate_name.into());
     parameters.insert("climate".to_owned(), self::parameters(climate)?.into());
     Ok(files.into_entry(key, parameters, abiotic_figures(maps)))
+}
+
+/// Where the climate of a scene's maps comes from.
+pub(super) fn climate_name(manifest: &Manifest) -> Option<String> {
+    let parameters = &manifest.stages.get("abiotics")?.parameters;
+    Some(parameters.get(CLIMATE_NAME)?.as_str()?.to_owned())
 }
 
 fn abiotic_figures(maps: &AbioticMaps) -> toml::Table {

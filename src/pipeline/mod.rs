@@ -1,13 +1,14 @@
 //! The order of stages: reads inputs, runs what is out of date, writes the scene folder.
 //!
 //! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write);
-//! [`grow`] (canopy trees), [`exclusion`] and [`brush`] (what a user keeps free or paints).
+//! [`grow`] (canopy trees), `measured_canopy` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints).
 
 pub mod brush;
 pub mod demo;
 pub mod exclusion;
 pub mod grow;
 pub mod import;
+mod measured_canopy;
 mod onto_scene;
 mod scene_files;
 
