@@ -123,3 +123,51 @@ fn canopies_that_cannot_be_used_are_refused() {
     refused(&good, &["--exclude", "nowhere.geojson"], &["nowhere.geojson"]);
     refused(&good, &["--min-height", "0"], &["--min-height"]);
 }
+
+#[test]
+fn what_is_wrong_is_told_before_a_grown_scene_is_touched() {
+    let (home, paths) = home(|chm| write_tiff(chm, 32611, 500_000.0, |r, c| Some(domes(r, c))));
+    assert!(grow(&paths, &[]).status.success());
+    let trees = fs::read(paths[2].join("plants.parquet")).unwrap();
+    let missing = home.path().join("missing.tif");
+    let text = home.path().join("text.tif");
+    fs::write(&text, "no raster").unwrap();
+    let with_chm = |chm: &Path| {
+        let [dem, forest] = [&paths[0], &paths[2]].map(|path| path.to_str().unwrap());
+        wildwood(&["grow", dem, "--chm", chm.to_str().unwrap(), "-o", forest, "--cell", "2"])
+    };
+    for failed in [
+        with_chm(&missing),
+        with_chm(&text),
+        grow(&paths, &["--cell", "2", "--shares", "redwod=1"]),
+        grow(&paths, &["--cell", "2", "--exclude", missing.to_str().unwrap()]),
+        grow(&paths, &["--cell", "2", "--min-height", "150"]),
+    ] {
+        assert_eq!(failed.status.code(), Some(2), "{}", told(&failed));
+        assert_eq!(fs::read(paths[2].join("plants.parquet")).unwrap(), trees);
+    }
+}
+
+#[test]
+fn importing_with_another_biome_takes_the_trees_and_keeps_their_canopy() {
+    let (_home, paths) = home(|chm| write_tiff(chm, 32611, 500_000.0, |r, c| Some(domes(r, c))));
+    assert!(grow(&paths, &[]).status.success());
+    let [dem, _, forest] = paths.each_ref().map(|path| path.to_str().unwrap());
+    let import = wildwood(&["import", dem, "-o", forest, "--biome", "pyrenees"]);
+    assert!(told(&import).contains("trees grown here"), "{}", told(&import));
+    assert!(!paths[2].join("plants.parquet").exists() && paths[2].join("preview.png").exists());
+    let regrown = wildwood(&["grow", forest, "--json"]);
+    assert!(regrown.status.success(), "{}", told(&regrown));
+    assert!(paths[2].join("plants.parquet").exists());
+}
+
+#[test]
+fn a_canopy_that_looks_like_a_surface_model_or_covers_a_part_is_told_of() {
+    let (_home, paths) =
+        home(|chm| write_tiff(chm, 32611, 500_000.0, |r, c| Some(40.0 + domes(r, c))));
+    assert!(told(&grow(&paths, &[])).contains("surface model"));
+    let (_home, paths) = home(|chm| {
+        write_tiff(chm, 32611, 500_000.0, |r, c| (c < SIDE / 2).then(|| domes(r, c)));
+    });
+    assert!(told(&grow(&paths, &[])).contains("50 % of the land has no canopy height"));
+}

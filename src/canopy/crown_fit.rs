@@ -17,7 +17,7 @@ const STEPS: usize = 32;
 /// How far a trunk moves at once: half a cell. chosen: small crowns cover whole cells only from between them.
 const MOVE_UNITS: i32 = UNITS_PER_CELL / 2;
 
-/// Worth of a cell of canopy that no other crown covers.
+/// Worth of a cell of canopy that no other crown covers: what prices are measured in.
 pub const CANOPY_WORTH: i32 = 10;
 
 /// A crown at a place: the radius of the greatest worth, and that worth.
@@ -125,7 +125,7 @@ impl Surroundings {
 }
 
 /// Fits every crown once, one after the other among neighbours, and drops trees whose crown is worth less than
-/// `least_worth` of them. Gives how many were dropped.
+/// `least_worth` says for the tree. Gives how many were dropped.
 pub fn fit(
     ground: &Ground<'_>,
     tiling: Tiling,
@@ -183,7 +183,7 @@ fn best_place(
         around.look(ground, cover, here, envelope[1], price);
         let fit = around.best_fit([0, 0], envelope);
         if fit.worth == stand.settled_worth[tree] && fit.radius == stand.crowns.radius[tree] {
-            return (here, fit); // as it was when last no other place was better
+            return (here, fit); // a shortcut: as it was when no place around was better
         }
     }
     let moves = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)]

@@ -3,12 +3,12 @@
 //! # Reference
 //! Kapp et al. 2020, section 5.2: a crown is a sphere over the trunk whose apex is the tree's top.
 
-/// Units in the width of a working cell. A radius stays below 2048 units: its square is then below 2²², where a square
-/// root in `f32` rounds down to the exact whole root.
+/// Units in the width of a working cell. Distances that roots are taken of stay below 2048 units: their squares are then
+/// below 2²², where a square root in `f32` rounds down to the exact whole root.
 pub const UNITS_PER_CELL: i32 = 32;
 
-/// Greatest radius in units.
-pub const MAX_RADIUS_UNITS: i32 = 2047;
+/// Greatest radius in units: a cell less than the greatest distance, for the look around a crown that may move.
+pub const MAX_RADIUS_UNITS: i32 = 2047 - UNITS_PER_CELL;
 
 /// Cells of a disk: a row, and its columns from the first up to, but not counting, the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,7 +95,7 @@ impl CenteredDisks {
             for row in 0..=radius / UNITS_PER_CELL {
                 let dy = row * UNITS_PER_CELL;
                 let cells = whole_root(radius * radius - dy * dy) / UNITS_PER_CELL;
-                half_widths.push(cells as u8); // fewer than MAX_RADIUS_UNITS / UNITS_PER_CELL = 63
+                half_widths.push(cells as u8); // at most MAX_RADIUS_UNITS / UNITS_PER_CELL = 62
             }
             starts.push(half_widths.len() as u32); // less than 2¹⁸
         }

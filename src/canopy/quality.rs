@@ -3,8 +3,7 @@
 use rayon::prelude::*;
 
 use super::crowns::{middle_units, whole_root};
-use super::stand::Ground;
-use super::stand::Stand;
+use super::stand::{Ground, Stand};
 use super::visibility::{NO_CROWN, Visibility};
 
 /// How well trees fit the canopy, on working cells.

@@ -3,8 +3,8 @@
 //! # Reference
 //! Kapp et al. 2020, section 5.2: initial seeds at local maxima, later ones in exposed canopy.
 //! # Departures
-//! Later seeds are drawn from the uncovered cells themselves, those first whose crown gains most, where the paper tries
-//! points on rings around the trees.
+//! Later seeds are drawn from all canopy under at most one crown, those first whose crown gains most, where the paper
+//! tries points on rings around the trees.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -185,7 +185,8 @@ pub fn openings(
         .collect();
     let by_tile = tiling.sorted(candidates.iter().map(|&(_, index)| place(ground, index).into()));
     let found = tiling.run(|tile| {
-        // worths only fall as others take their cells: the one on top, if it still is worth as much, is the best
+        // worths fall as others take their cells: the one on top, if it still is worth as much, is the best, but for few
+        // that rose because others took what they paid for
         let mut heap: BinaryHeap<(i32, Reverse<usize>)> = by_tile[tile]
             .iter()
             .map(|&at| candidates[at as usize])

@@ -11,7 +11,7 @@ use crate::species::Biome;
 /// How far from the trunk a tree's top may be. chosen: leaning stems and uneven branches; a cell of usual models.
 const TOP_REACH_M: f32 = 1.0;
 /// How far from the canopy's top that it makes a tree's trunk may stand, as a share of its crown's radius. chosen: crowns
-/// are lopsided where neighbours press them; the top is still inside the crown.
+/// are lopsided where neighbours press them.
 const TOP_REACH_FRACTION: f32 = 0.7;
 /// How much higher than the canopy over its trunk a tree may be. chosen: so much rougher are crowns on 1 m cells; a tree
 /// as low as the gap between branches over its trunk would have too narrow a crown.
@@ -55,7 +55,7 @@ pub struct Stand {
     pub narrowest: Vec<i32>,
     /// Widest crown of the species at this height, units.
     pub widest: Vec<i32>,
-    /// What the crown was worth when last no other place or radius was better; [`UNSETTLED`] since it changed.
+    /// What the crown was worth when no place around was better; [`UNSETTLED`] before, and since the tree moved.
     pub settled_worth: Vec<i32>,
     /// Working cell of the canopy's top that the tree makes, near which it stays; [`NO_TOP`] if it makes none.
     pub top: Vec<u32>,
@@ -163,7 +163,7 @@ impl Stand {
     }
 
     /// What a tree would be with its trunk at a place in units; `None` where it cannot stand. A tree that makes a top of
-    /// the canopy keeps its height and species, and the top stays well within its crown.
+    /// the canopy keeps its height and species, and stays within 0.7 of a typical crown of it.
     pub fn standing_at(
         &self,
         ground: &Ground<'_>,

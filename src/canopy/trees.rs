@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::crowns::cell_of_units;
+use super::crowns::{UNITS_PER_CELL, cell_of_units};
 use super::site::Site;
 use super::stand::{Ground, Stand};
 use crate::plants::{Layer, Plants};
@@ -22,8 +22,12 @@ pub fn plants(ground: &Ground<'_>, site: &Site, stand: &Stand) -> Plants {
         let (x, y) = (stand.crowns.x[tree], stand.crowns.y[tree]);
         (cell_of_units(y), x, y, tree)
     });
-    let m_per_unit = 1.0 / f64::from(cells.units_per_m());
-    let height_m = cells.size.rows as f64 * f64::from(cells.cell_m);
+    // in f64 from the scene's own cell, so that no tree at an edge comes to lie beyond it
+    let frame = ground.chm_m.frame();
+    let m_per_unit = frame.transform.cell_m / (cells.per_cell as f64 * f64::from(UNITS_PER_CELL));
+    let height_m = frame.rows as f64 * frame.transform.cell_m;
+    let [most_east_m, most_north_m] =
+        [frame.cols, frame.rows].map(|n| (n as f64 * frame.transform.cell_m) as f32);
     let measured: Vec<Measures> = order
         .par_iter()
         .map(|&tree| {
@@ -41,8 +45,13 @@ pub fn plants(ground: &Ground<'_>, site: &Site, stand: &Stand) -> Plants {
         species: order.iter().map(|&tree| u16::from(stand.species[tree])).collect(),
         layer: vec![Layer::Canopy; order.len()],
         // positions in a scene fit f32 to the millimetre up to 10 km
-        east_m: by_order(&|tree| (f64::from(stand.crowns.x[tree]) * m_per_unit) as f32),
-        north_m: by_order(&|tree| (height_m - f64::from(stand.crowns.y[tree]) * m_per_unit) as f32),
+        east_m: by_order(&|tree| {
+            ((f64::from(stand.crowns.x[tree]) * m_per_unit) as f32).clamp(0.0, most_east_m)
+        }),
+        north_m: by_order(&|tree| {
+            let north_m = height_m - f64::from(stand.crowns.y[tree]) * m_per_unit;
+            (north_m as f32).clamp(0.0, most_north_m)
+        }),
         z_m: by_order(&|tree| {
             let index = cells.index_at(stand.crowns.x[tree], stand.crowns.y[tree]);
             ground.elevation_m.values()[cells.scene_index(index)]

@@ -12,10 +12,19 @@ use crate::raster::{Grid, Mask};
 /// Wider scene cells are cut into working cells no wider than this. chosen: the crowns of trees of 8 m are about 4 m wide;
 /// on cells a quarter as wide they are still round.
 const MAX_WORKING_CELL_M: f64 = 1.0;
-/// The same where half of the canopy is lower than [`LOW_CANOPY_M`]. chosen: the crowns of 3 m trees, the lowest that count
+/// The same where most of the canopy is lower than [`LOW_CANOPY_M`]. chosen: the crowns of 3 m trees, the lowest that count
 /// as canopy, are about 2 m wide.
 const MAX_WORKING_CELL_LOW_M: f64 = 0.5;
+/// Canopy lower than this is low. chosen: its crowns are narrower than 4 m.
 const LOW_CANOPY_M: f32 = 8.0;
+/// What widths of cells are rounded by in files. chosen: a thousandth of a millimetre.
+const CELL_NOISE_M: f64 = 1e-6;
+
+/// Scene cells that trees can be placed on, metres. Narrower ones leave no room for crowns in units, see
+/// [`super::crowns`]; wider ones show no crowns at all. chosen: twice beyond the 0.5–5 m that placement is meant for.
+pub const CELLS_M: std::ops::RangeInclusive<f64> = 0.25..=10.0;
+/// Working cells at most: what indices in `u32` can count, halved.
+const MOST_CELLS: f64 = 2_147_483_648.0;
 
 /// The canopy on working cells: each scene cell cut into `per_cell` × `per_cell`.
 #[derive(Clone, Debug)]
@@ -30,8 +39,6 @@ pub struct WorkingCells<'a> {
     pub surface_m: Cow<'a, [f32]>,
     /// Whether the scene's cell is canopy.
     pub is_canopy: Vec<bool>,
-    /// Width of a scene cell.
-    scene_cell_m: f32,
     /// Columns of the scene.
     scene_cols: usize,
 }
@@ -54,7 +61,7 @@ impl<'a> WorkingCells<'a> {
             .zip(&is_land)
             .map(|(&h, &land)| land && h >= min_height_m)
             .collect();
-        let per_cell = if scene_cell_m <= MAX_WORKING_CELL_M {
+        let per_cell = if scene_cell_m <= MAX_WORKING_CELL_M + CELL_NOISE_M {
             1
         } else {
             let heights = chm_m.values().par_iter().zip(&is_scene_canopy);
@@ -64,7 +71,7 @@ impl<'a> WorkingCells<'a> {
                 .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
             let is_low = 2 * low > all;
             let widest_m = if is_low { MAX_WORKING_CELL_LOW_M } else { MAX_WORKING_CELL_M };
-            (scene_cell_m / widest_m).ceil() as usize // at most a few dozen
+            ((scene_cell_m - CELL_NOISE_M) / widest_m).ceil() as usize // at most WIDEST_CELL_M / widest_m
         };
         let size = GridSize { rows: frame.rows * per_cell, cols: frame.cols * per_cell };
         let (surface_m, is_canopy) = if per_cell == 1 {
@@ -80,10 +87,29 @@ impl<'a> WorkingCells<'a> {
                 .collect();
             (Cow::Owned(surface), spread)
         };
-        let cell_m = (scene_cell_m / per_cell as f64) as f32; // 0.5–1 m
-        let scene_cell_m = frame.cell_m();
+        let cell_m = (scene_cell_m / per_cell as f64) as f32; // 0.25–1 m
         let scene_cols = frame.cols;
-        Self { per_cell, size, cell_m, surface_m, is_canopy, scene_cell_m, scene_cols }
+        Self { per_cell, size, cell_m, surface_m, is_canopy, scene_cols }
+    }
+
+    /// Whether trees can be placed on cells of `cell_m`, `rows` by `cols` of them.
+    ///
+    /// # Errors
+    /// What is wrong, and what to do.
+    pub fn check(rows: usize, cols: usize, cell_m: f64) -> Result<(), String> {
+        if !CELLS_M.contains(&cell_m) {
+            let (least, most) = (CELLS_M.start(), CELLS_M.end());
+            return Err(format!(
+                "cells of {cell_m} m: trees are placed on cells of {least} to {most} m; import with --cell"
+            ));
+        }
+        let per_cell = (cell_m / MAX_WORKING_CELL_LOW_M).max(1.0);
+        if rows as f64 * cols as f64 * per_cell * per_cell > MOST_CELLS {
+            return Err(format!(
+                "{rows} × {cols} cells of {cell_m} m are too many to place trees on at once; import a part with --bbox"
+            ));
+        }
+        Ok(())
     }
 
     /// The cells as the renderers of visibility take them.
@@ -126,12 +152,6 @@ impl<'a> WorkingCells<'a> {
     #[inline]
     pub fn is_plantable(&self, index: usize, species: &SpeciesMap) -> bool {
         self.is_canopy[index] && species.values()[self.scene_index(index)] != NO_SPECIES
-    }
-
-    /// Width of a scene cell in metres.
-    #[inline]
-    pub fn scene_cell_m(&self) -> f32 {
-        self.scene_cell_m
     }
 }
 
@@ -196,8 +216,16 @@ mod tests {
     }
 
     #[test]
+    fn cells_too_narrow_too_wide_or_too_many_are_refused() {
+        assert!(WorkingCells::check(1000, 1000, 1.0).is_ok());
+        assert!(WorkingCells::check(1000, 1000, 0.1).unwrap_err().contains("0.25 to 10 m"));
+        assert!(WorkingCells::check(1000, 1000, 30.0).unwrap_err().contains("--cell"));
+        assert!(WorkingCells::check(20_000, 20_000, 5.0).unwrap_err().contains("--bbox"));
+    }
+
+    #[test]
     fn cells_up_to_a_metre_stay_as_they_are() {
-        for cell_m in [0.5, 1.0] {
+        for cell_m in [0.5, 1.0, 1.000_000_000_1] {
             let chm = ramp(cell_m);
             let cells = WorkingCells::new(&chm, chm.mask(), 3.0);
             assert_eq!((cells.per_cell, cells.size.rows), (1, 8));

@@ -41,7 +41,7 @@ pub struct GrowArguments {
     #[arg(long, value_name = "FILE")]
     exclude: Vec<PathBuf>,
     /// Width that lines and points of --exclude get.
-    #[arg(long, value_name = "METRES", default_value_t = CanopyRequest::default().exclude_width_m)]
+    #[arg(long, value_name = "METRES", requires = "exclude", default_value_t = CanopyRequest::default().exclude_width_m)]
     exclude_width: f64,
     /// Cells at least this high are canopy.
     #[arg(long, value_name = "METRES", default_value_t = CanopyRequest::default().placement.canopy_min_height_m)]
@@ -71,10 +71,6 @@ pub fn run(arguments: &GrowArguments, shared: &Shared, reporter: &Reporter) -> O
         gpu: arguments.gpu,
         ..CanopyRequest::default()
     };
-    if !(arguments.min_height > 0.0 && arguments.min_height < 100.0) {
-        let what = format!("--min-height {}: give metres above 0", arguments.min_height);
-        return Err(Error::Usage { what });
-    }
     canopy.placement.canopy_min_height_m = arguments.min_height;
     let chm_unit = arguments.chm_unit.map(Unit::length);
     let request = GrowRequest { ground, chm: arguments.chm.clone(), chm_unit, canopy };

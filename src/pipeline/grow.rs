@@ -26,7 +26,7 @@ use crate::io::{Limits, raster_file};
 use crate::plants::Plants;
 use crate::plants::table::TableFormat;
 use crate::progress::{Reporter, Warning};
-use crate::raster::{Grid, MONTHS, Mask};
+use crate::raster::{Frame, Grid, MONTHS, Mask};
 use crate::scene::{self, Manifest, StageEntry, Transaction};
 use crate::species::Biome;
 use crate::terrain::Terrain;
@@ -34,8 +34,11 @@ use crate::terrain::Terrain;
 /// Name of the stage in `scene.toml`.
 pub const STAGE: &str = "canopy";
 
-/// Share of the canopy without any suitable species that is worth a warning.
+/// Share of the canopy without any suitable species that is worth a warning. chosen: less is no gap that one sees.
 const WARN_UNSUITABLE_FRACTION: f64 = 0.02;
+
+/// Canopy that is asked to begin higher is none.
+const MOST_MIN_HEIGHT_M: f32 = 100.0;
 
 /// What terrain trees are grown on.
 #[derive(Clone, Debug)]
@@ -131,6 +134,13 @@ pub struct GrownCanopy {
 /// Bad input, a full disk, a cancelled run; the folder then holds at most terrain and abiotic maps more than before.
 pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error> {
     // what can be known to be wrong before anything is written
+    let min_height_m = request.canopy.placement.canopy_min_height_m;
+    if !(min_height_m > 0.0 && min_height_m < MOST_MIN_HEIGHT_M) {
+        let what = format!(
+            "--min-height {min_height_m}: give metres above 0 and below {MOST_MIN_HEIGHT_M}"
+        );
+        return Err(Error::Usage { what });
+    }
     let folder = match &request.ground {
         GroundSource::Files(import) => {
             refuse_two_canopies(request, import)?;
@@ -153,7 +163,8 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         .chain(request.canopy.brush.iter().flatten())
         .cloned()
         .collect();
-    let inputs = import::hash_inputs(&given)?;
+    let beside = given.iter().flat_map(|path| raster_file::beside(path)).collect::<Vec<_>>();
+    let inputs = import::hash_inputs(&[given, beside].concat())?;
     let read = |path: &PathBuf| MeasuredCanopy::read(path, request.chm_unit, reporter);
     let measured = request.chm.as_ref().map(read).transpose()?;
     if let GroundSource::Files(import) = &request.ground {
@@ -176,8 +187,16 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         manifest.stages.get(stage).map(|entry| entry.key.clone()).ok_or_else(|| no_scene(&folder))
     };
     let canopy = &request.canopy;
+    // without a file given, the canopy is the scene's own
+    let own_canopy = match &measured {
+        Some(_) => String::new(),
+        None => scene::hash_file(&folder.join("chm.tif"))
+            .map_err(|_| no_canopy(&folder))
+            .map(|(hash, _)| hash)?,
+    };
     let key = import::key(&[
         STAGE,
+        &own_canopy,
         &of_stage("terrain")?,
         &of_stage("abiotics")?,
         &format!("{biome:?} {} {inputs:?} {:?}", manifest.scene.seed, request.chm_unit),
@@ -197,6 +216,9 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     // read, grow, write
     let terrain = import::load_terrain(&folder, &manifest)?;
     let frame = Arc::clone(terrain.elevation_m.frame());
+    let Frame { rows, cols, .. } = *frame;
+    WorkingCells::check(rows, cols, frame.transform.cell_m)
+        .map_err(|problem| Error::Usage { what: format!("{}: {problem}", folder.display()) })?;
     let chm_m = canopy_height(measured.as_ref(), &folder, &manifest, &terrain, reporter)?;
     drop(measured);
     let allowed = allowed(&terrain, canopy, reporter)?;
@@ -241,7 +263,8 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
 /// Makes the stage's entry the owner of its files, which earlier stages may have written too (`preview.png`).
 pub(super) fn record(manifest: &mut Manifest, entry: StageEntry) {
     for stage in manifest.stages.values_mut() {
-        stage.files.retain(|file, _| !entry.files.contains_key(file));
+        // a cloud's canopy stays its terrain's: if another one was put in its place, both are made anew with the cloud
+        stage.files.retain(|file, _| file == "chm.tif" || !entry.files.contains_key(file));
     }
     manifest.stages.insert(STAGE.to_owned(), entry);
 }
@@ -375,9 +398,8 @@ fn canopy_height(
     if !manifest.files().any(|file| file == "chm.tif") {
         return Err(no_canopy(folder));
     }
-    let raster = raster_file::read(&folder.join("chm.tif"), None, &Limits::default())?;
-    let mask = Arc::new(Mask::new(raster.valid));
-    Ok(Grid::new(Arc::clone(frame), mask, raster.values))
+    let own = MeasuredCanopy::read(&folder.join("chm.tif"), None, reporter)?;
+    own.onto_scene(frame, terrain.elevation_m.mask().as_slice(), reporter)
 }
 
 fn no_canopy(folder: &Path) -> Error {

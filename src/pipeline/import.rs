@@ -147,7 +147,7 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         trees.files.get_key_value("chm.tif").map(|(name, hash)| (name.clone(), hash.clone()))
     });
     if let (Some(terrain), Some((name, hash))) = (manifest.stages.get_mut("terrain"), chm) {
-        terrain.files.insert(name, hash);
+        terrain.files.entry(name).or_insert(hash);
     }
     reporter.check_cancelled()?;
     let mut transaction = Transaction::begin(&request.folder)?;

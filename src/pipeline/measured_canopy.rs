@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::Error;
-use crate::io::{Limits, raster_file};
+use crate::io::{Limits, ParseError, raster_file};
 use crate::progress::{Reporter, Warning};
 use crate::raster::{Crs, Frame, Grid, LengthUnit, SourceRaster};
 use crate::terrain::import::Resampling;
@@ -14,7 +14,7 @@ use crate::terrain::onto_frame::registered;
 const MOST_CANOPY_HEIGHT_M: f32 = 120.0;
 /// Share of such cells from which the raster is no canopy height model. chosen: towers and wires are fewer.
 const MOST_TOO_HIGH_FRACTION: f64 = 0.01;
-/// Heights below this are a mark of nodata that the file does not declare.
+/// Heights below this are a mark of nodata that the file does not declare. chosen: no survey is that wrong.
 const LEAST_CANOPY_HEIGHT_M: f32 = -100.0;
 /// Heights below this are ground that the survey put too low, and any deeper ones no canopy.
 /// chosen: differences of surveys are below 2 m.
@@ -22,11 +22,11 @@ const MOST_BELOW_GROUND_M: f32 = 2.0;
 /// Where even the lowest hundredth of the land is higher than this, heights may be above sea level, m. chosen: a
 /// closed forest shows some ground or low growth.
 const MOST_LOWEST_M: f32 = 12.0;
-/// A canopy height model this much finer than the scene loses what is averaged away.
+/// A canopy height model this much finer than the scene loses what is averaged away. chosen: half a cell is no loss.
 const FINER_FACTOR: f64 = 1.5;
 /// Cells wider than this show no crowns, m.
 const MOST_CELL_M: f64 = 5.0;
-/// Share of the land without a measured canopy that is worth a warning.
+/// Share of the land without a measured canopy that is worth a warning. chosen: more than seams at the rim.
 const WARN_UNMEASURED_FRACTION: f64 = 0.01;
 
 /// A canopy height model as its file holds it, in metres above ground.
@@ -43,6 +43,10 @@ impl MeasuredCanopy {
     pub fn read(path: &Path, unit: Option<LengthUnit>, reporter: &Reporter) -> Result<Self, Error> {
         let mut raster = raster_file::read(path, None, &Limits::default())?;
         let named = path.display();
+        if let (None, Some(problem)) = (&raster.crs, &raster.crs_problem) {
+            let hint = "write it in the scene's CRS (gdalwarp -t_srs EPSG:n in.tif out.tif)";
+            return Err(ParseError::new(problem.text.clone(), hint).at(path).into());
+        }
         let say = |text: String| reporter.warn(Warning::Other { text });
         if let Some(unit) = unit.or(raster.vertical_unit) {
             let factor = unit.metres() as f32; // 1 or about 0.3
