@@ -134,6 +134,16 @@ impl Crowns {
     pub fn is_empty(&self) -> bool {
         self.x.is_empty()
     }
+
+    /// Cells of a grid that a crown lies over, row by row.
+    pub fn spans(&self, crown: usize, size: GridSize) -> impl Iterator<Item = Span> {
+        disk_spans(self.x[crown], self.y[crown], self.radius[crown], size)
+    }
+
+    /// How many they are.
+    pub fn cell_count(&self, crown: usize, size: GridSize) -> usize {
+        self.spans(crown, size).map(|span| span.end_col - span.first_col).sum()
+    }
 }
 
 #[cfg(test)]

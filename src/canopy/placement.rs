@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::conflicts;
 use super::cover::Cover;
 use super::crown_fit::{self, CANOPY_WORTH};
-use super::crowns::{UNITS_PER_CELL, disk_spans};
+use super::crowns::UNITS_PER_CELL;
 use super::seeding;
 use super::stand::{Ground, NO_TOP, Stand, UNSETTLED};
 use super::tiles::Tiling;
@@ -196,10 +196,11 @@ fn thin(ground: &Ground<'_>, cover: &Cover, goal: f64, is_plantable: &[bool], st
     let canopy = is_plantable.par_iter().filter(|plantable| **plantable).count() as f64;
     let covered_fraction = cover.covered_fraction(is_plantable);
     let mut spare = ((covered_fraction - goal) * canopy) as i64; // cells; none if below 0
-    let cols = ground.cells.size.cols;
-    let alone = |tree: usize, stand: &Stand| -> i64 {
-        let crowns = &stand.crowns;
-        disk_spans(crowns.x[tree], crowns.y[tree], crowns.radius[tree], ground.cells.size)
+    let size = ground.cells.size;
+    let cols = size.cols;
+    let alone = |tree: usize| -> i64 {
+        let spans = stand.crowns.spans(tree, size);
+        spans
             .map(|span| span.row * cols + span.first_col..span.row * cols + span.end_col)
             .map(|cells| {
                 let counts = cover.counts(cells.clone()).zip(&is_plantable[cells]);
@@ -207,14 +208,8 @@ fn thin(ground: &Ground<'_>, cover: &Cover, goal: f64, is_plantable: &[bool], st
             })
             .sum()
     };
-    let crown_cells = |tree: usize, stand: &Stand| -> usize {
-        let crowns = &stand.crowns;
-        disk_spans(crowns.x[tree], crowns.y[tree], crowns.radius[tree], ground.cells.size)
-            .map(|span| span.end_col - span.first_col)
-            .sum()
-    };
     let mut order: Vec<(i64, usize)> =
-        (0..stand.len()).into_par_iter().map(|tree| (alone(tree, stand), tree)).collect();
+        (0..stand.len()).into_par_iter().map(|tree| (alone(tree), tree)).collect();
     order.par_sort_unstable();
     let mut is_kept = vec![true; stand.len()];
     for (_, tree) in order {
@@ -222,8 +217,9 @@ fn thin(ground: &Ground<'_>, cover: &Cover, goal: f64, is_plantable: &[bool], st
             break;
         }
         // what it covers alone grows with every neighbour that goes
-        let cells = alone(tree, stand);
-        let stands_alone = cells as f64 > MOST_THINNED_FRACTION * crown_cells(tree, stand) as f64;
+        let cells = alone(tree);
+        let stands_alone =
+            cells as f64 > MOST_THINNED_FRACTION * stand.crowns.cell_count(tree, size) as f64;
         let is_needed = stand.top[tree] != NO_TOP && stands_alone;
         if cells <= spare && !is_needed {
             spare -= cells;
@@ -241,9 +237,7 @@ fn fed(ground: &Ground<'_>, stand: &Stand, visibility: &Visibility) -> Vec<bool>
     (0..stand.len())
         .into_par_iter()
         .map(|tree| {
-            let size = ground.cells.size;
-            let spans = disk_spans(crowns.x[tree], crowns.y[tree], crowns.radius[tree], size);
-            let all: usize = spans.map(|span| span.end_col - span.first_col).sum();
+            let all = crowns.cell_count(tree, ground.cells.size);
             let visible = visibility.visible_cells[tree];
             visible > 0 && f64::from(visible) >= STARVES_BELOW_FRACTION * all as f64
         })

@@ -96,8 +96,8 @@ pub struct Seed {
     pub standing: Standing,
 }
 
-/// Those of `tops` whose crown is worth at least `least_worth_fraction` of its cells; the tallest first, and each with the
-/// crown that fits what those before it leave. `cover` then counts them.
+/// Those of `tops` whose crown is worth at least `least_worth_fraction` of the narrowest that it may have; within a tile the
+/// tallest first, and each with the crown that fits what those before it leave. `cover` then counts them.
 pub fn accepted_tops(
     ground: &Ground<'_>,
     tiling: Tiling,

@@ -23,7 +23,7 @@ const CELL_NOISE_M: f64 = 1e-6;
 /// Scene cells that trees can be placed on, metres. Narrower ones leave no room for crowns in units, see
 /// [`super::crowns`]; wider ones show no crowns at all. chosen: twice beyond the 0.5–5 m that placement is meant for.
 pub const CELLS_M: std::ops::RangeInclusive<f64> = 0.25..=10.0;
-/// Working cells at most: what indices in `u32` can count, halved.
+/// Working cells at most. chosen: half of what the `u32` of a top counts, and more than memories hold.
 const MOST_CELLS: f64 = 2_147_483_648.0;
 
 /// The canopy on working cells: each scene cell cut into `per_cell` × `per_cell`.
@@ -71,7 +71,7 @@ impl<'a> WorkingCells<'a> {
                 .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
             let is_low = 2 * low > all;
             let widest_m = if is_low { MAX_WORKING_CELL_LOW_M } else { MAX_WORKING_CELL_M };
-            ((scene_cell_m - CELL_NOISE_M) / widest_m).ceil() as usize // at most WIDEST_CELL_M / widest_m
+            ((scene_cell_m - CELL_NOISE_M) / widest_m).ceil() as usize // at most 20, see CELLS_M
         };
         let size = GridSize { rows: frame.rows * per_cell, cols: frame.cols * per_cell };
         let (surface_m, is_canopy) = if per_cell == 1 {

@@ -131,7 +131,8 @@ pub struct GrownCanopy {
 /// Grows trees, or does nothing where the scene is up to date; gives its manifest.
 ///
 /// # Errors
-/// Bad input, a full disk, a cancelled run; the folder then holds at most terrain and abiotic maps more than before.
+/// Bad input, a full disk, a cancelled run. Files that cannot be read and settings that cannot be are told before the folder is
+/// touched; a run that fails later leaves terrain and abiotic maps as asked for, without trees that stood on others.
 pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error> {
     // what can be known to be wrong before anything is written
     let min_height_m = request.canopy.placement.canopy_min_height_m;
@@ -169,7 +170,7 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     let measured = request.chm.as_ref().map(read).transpose()?;
     if let GroundSource::Files(import) = &request.ground {
         let has_cloud = import.inputs.iter().any(|path| import::is_cloud(path));
-        let had_canopy = existing.as_ref().is_some_and(|m| m.files().any(|file| file == "chm.tif"));
+        let had_canopy = existing.as_ref().is_some_and(has_canopy);
         if measured.is_none() && !has_cloud && !had_canopy {
             return Err(no_canopy(&folder));
         }
@@ -187,16 +188,16 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         manifest.stages.get(stage).map(|entry| entry.key.clone()).ok_or_else(|| no_scene(&folder))
     };
     let canopy = &request.canopy;
-    // without a file given, the canopy is the scene's own
-    let own_canopy = match &measured {
-        Some(_) => String::new(),
-        None => scene::hash_file(&folder.join("chm.tif"))
-            .map_err(|_| no_canopy(&folder))
-            .map(|(hash, _)| hash)?,
+    // without a file given, the canopy is the scene's own: the point cloud's, or what was given before
+    let own_canopy = folder.join("chm.tif");
+    let own_hash = match &measured {
+        Some(_) => Vec::new(),
+        None if !has_canopy(&manifest) => return Err(no_canopy(&folder)),
+        None => import::hash_inputs(std::slice::from_ref(&own_canopy))?,
     };
     let key = import::key(&[
         STAGE,
-        &own_canopy,
+        &format!("{own_hash:?}"),
         &of_stage("terrain")?,
         &of_stage("abiotics")?,
         &format!("{biome:?} {} {inputs:?} {:?}", manifest.scene.seed, request.chm_unit),
@@ -219,7 +220,11 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     let Frame { rows, cols, .. } = *frame;
     WorkingCells::check(rows, cols, frame.transform.cell_m)
         .map_err(|problem| Error::Usage { what: format!("{}: {problem}", folder.display()) })?;
-    let chm_m = canopy_height(measured.as_ref(), &folder, &manifest, &terrain, reporter)?;
+    let measured = match measured {
+        Some(measured) => measured,
+        None => MeasuredCanopy::read(&own_canopy, None, reporter)?,
+    };
+    let chm_m = measured.onto_scene(&frame, terrain.elevation_m.mask().as_slice(), reporter)?;
     drop(measured);
     let allowed = allowed(&terrain, canopy, reporter)?;
     let brush = match &canopy.brush {
@@ -383,23 +388,8 @@ fn tell_of_species(outcome: &SpeciesOutcome, biome: &Biome, reporter: &Reporter)
     }
 }
 
-/// The canopy height model on the scene's frame: the user's, or the point cloud's.
-fn canopy_height(
-    measured: Option<&MeasuredCanopy>,
-    folder: &Path,
-    manifest: &Manifest,
-    terrain: &Terrain,
-    reporter: &Reporter,
-) -> Result<Grid<f32>, Error> {
-    let frame = terrain.elevation_m.frame();
-    if let Some(measured) = measured {
-        return measured.onto_scene(frame, terrain.elevation_m.mask().as_slice(), reporter);
-    }
-    if !manifest.files().any(|file| file == "chm.tif") {
-        return Err(no_canopy(folder));
-    }
-    let own = MeasuredCanopy::read(&folder.join("chm.tif"), None, reporter)?;
-    own.onto_scene(frame, terrain.elevation_m.mask().as_slice(), reporter)
+fn has_canopy(manifest: &Manifest) -> bool {
+    manifest.files().any(|file| file == "chm.tif")
 }
 
 fn no_canopy(folder: &Path) -> Error {
