@@ -70,8 +70,8 @@ def test_trees_fit_the_canopy(name, tmp_path):
         by_area = crown_cells(trees, transform, chm.shape, 12)[np.kron(chm >= 3.0, np.ones((12, 12), bool))].mean()
         assert by_area >= {"neon_harv_4m": 0.98, "neon_sjer_4m": 0.955}[name]
     if name == "lidR_topography":
-        assert 0.08 < overhang < 0.14, "a sparse cloud's canopy is as ragged as its cells: 8 % is missed, see README"
-        return
+        assert 0.08 < overhang < 0.14
+        pytest.xfail("8 % of overhang is missed: a sparse cloud's canopy is as ragged as its cells, see README")
     assert overhang <= MOST_OVERHANG.get(name, 0.08)
 
 
