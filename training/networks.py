@@ -1,0 +1,146 @@
+"""The generators and the critics."""
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from dataset import CANOPY_M, MAX_HEIGHT_M
+
+DEPTH = 4
+STRIDE = 2**DEPTH
+"""Maps handed to a generator have sides that are multiples of this."""
+
+HALO = 48
+"""Cells beside a map that can change a cell of it; `receptive_field` measures 46, export checks it."""
+
+
+def unit_features(x):
+    """Each cell's features brought to unit mean square: no statistics of the map enter, so tiles know nothing of each other."""
+    return x * torch.rsqrt((x * x).mean(1, keepdim=True) + 1e-6)
+
+
+class UNet(nn.Module):
+    """U-Net of four halvings. Noise enters at every level, averaged down with its deviation kept."""
+
+    def __init__(self, channels, features=24):
+        super().__init__()
+        widths = [features, 2 * features, 3 * features, 3 * features]
+        self.down = nn.ModuleList()
+        inward = channels + 1
+        for width in widths:
+            self.down.append(nn.Conv2d(inward, width, 4, 2, 1))
+            inward = width + 1
+        self.up = nn.ModuleList()
+        inward = widths[-1] + 1
+        for level in reversed(range(DEPTH)):
+            skip = widths[level - 1] if level else channels
+            width = widths[level - 1] if level else features
+            self.up.append(nn.Conv2d(inward + skip + (1 if level == 0 else 0), width, 3, 1, 1))
+            inward = width
+        self.last = nn.Conv2d(features, 1, 3, 1, 1)
+
+    def forward(self, x, noise):
+        skips, noises = [x], [noise]
+        for layer in self.down:
+            x = functional.leaky_relu(unit_features(layer(torch.cat([x, noise], 1))), 0.2)
+            noise = 2.0 * functional.avg_pool2d(noise, 2)
+            skips.append(x)
+            noises.append(noise)
+        x = torch.cat([x, noise], 1)
+        for i, layer in enumerate(self.up):
+            level = DEPTH - 1 - i
+            x = functional.interpolate(x, scale_factor=2, mode="nearest")
+            x = torch.cat([x, skips[level]] + ([noises[0]] if level == 0 else []), 1)
+            x = functional.leaky_relu(unit_features(layer(x)), 0.2)
+        return self.last(x)
+
+
+class FootprintGenerator(nn.Module):
+    """Sketch (3), terrain (3), stand height (1) and noise become a canopy; where it is above 3 m is the footprint.
+
+    Trained on heights, not on a mask: a critic tells any mask with soft edges from a real one, and heights teach where
+    crowns end.
+    """
+
+    CONDITIONS = 7
+
+    def __init__(self, features=24):
+        super().__init__()
+        self.net = UNet(self.CONDITIONS, features)
+
+    def forward(self, conditions, noise):
+        """Encoded height, −1 to 1: (batch, 1, rows, cols)."""
+        return torch.tanh(self.net(conditions, noise))
+
+
+class HeightGenerator(nn.Module):
+    """Footprint (1), terrain (3), stand height (1) and noise become canopy height: above 3 m in the footprint, below outside."""
+
+    CONDITIONS = 5
+
+    def __init__(self, features=24):
+        super().__init__()
+        self.net = UNet(self.CONDITIONS, features)
+
+    def forward(self, conditions, noise):
+        """Encoded height, −1 to 1: (batch, 1, rows, cols)."""
+        share = torch.sigmoid(self.net(conditions, noise)) ** 2
+        footprint = conditions[:, :1]
+        height = footprint * (CANOPY_M + (MAX_HEIGHT_M - CANOPY_M) * share) + (1 - footprint) * (0.99 * CANOPY_M * share)
+        return 2.0 * torch.sqrt(height / MAX_HEIGHT_M + 1e-6) - 1.0
+
+
+def decode_height(encoded):
+    """Encoded height to metres."""
+    return MAX_HEIGHT_M * ((encoded + 1.0) / 2.0) ** 2
+
+
+GENERATORS = {"footprint": FootprintGenerator, "height": HeightGenerator}
+
+
+class Critic(nn.Module):
+    """PatchGAN that looks at squares of about 26 cells, or, after averaging, 104."""
+
+    def __init__(self, channels, features=32, averaged=1):
+        super().__init__()
+        self.averaged = averaged
+        self.layers = nn.Sequential(
+            nn.Conv2d(channels, features, 4, 2, 1),
+            nn.LeakyReLU(0.2),
+            nn.Conv2d(features, 2 * features, 4, 2, 1),
+            nn.LeakyReLU(0.2),
+            nn.Conv2d(2 * features, 3 * features, 3, 1, 1),
+            nn.LeakyReLU(0.2),
+            nn.Conv2d(3 * features, 1, 3, 1, 1),
+        )
+
+    def forward(self, x):
+        return self.layers(functional.avg_pool2d(x, self.averaged) if self.averaged > 1 else x)
+
+
+class Critics(nn.Module):
+    """Two critics, of texture and of stands."""
+
+    def __init__(self, conditions, features=32):
+        super().__init__()
+        self.critics = nn.ModuleList([Critic(conditions + 2, features), Critic(conditions + 2, features, averaged=4)])
+
+    def forward(self, conditions, encoded):
+        edge = torch.sigmoid((decode_height(encoded) - CANOPY_M) / 0.6)
+        seen = torch.cat([conditions, encoded, edge], 1)
+        return [critic(seen) for critic in self.critics]
+
+
+def receptive_field(generator):
+    """Farthest distance, in cells, from which an input can change an output, over all alignments to the stride."""
+    size, middle = 20 * STRIDE, 10 * STRIDE
+    conditions = torch.rand(1, generator.CONDITIONS, size, size, requires_grad=True)
+    noise = torch.rand(1, 1, size, size, requires_grad=True)
+    reach = 0
+    for offset in (0, STRIDE // 2, STRIDE - 1):
+        at = middle + offset
+        grads = torch.autograd.grad(generator(conditions, noise)[0, 0, at, at], [conditions, noise])
+        for grad in grads:
+            rows = grad.abs().sum((0, 1, 3)).nonzero().ravel()
+            reach = max(reach, at - int(rows.min()), int(rows.max()) - at)
+    return reach
