@@ -25,6 +25,10 @@ pub enum Process {
     CanopyTree = 94,
     /// Leaves and twigs of a generated canopy, cell by cell.
     CanopyRoughness = 95,
+    /// Where trees of a learned canopy may stand, and their size and form.
+    CanopyDetailLattice = 96,
+    /// Leaves, twigs and undergrowth of a learned canopy, cell by cell.
+    CanopyDetailRoughness = 97,
     /// Points that tests strew.
     StrewnPoints = 92,
 }

@@ -4,7 +4,7 @@
 //! [`brush`] (what is asked) and [`limits`] (what cannot be had); [`working_cells`] and [`crowns`] (the grid and the
 //! spheres of placement), [`visibility`] (which crown the sky sees at each cell), [`stand`] (trees under way),
 //! [`placement`] with [`seeding`], [`crown_fit`] and [`conflicts`]; [`trees`] (from crowns to plants), [`quality`] (how
-//! well they fit); [`generate`] (a canopy where none was measured).
+//! well they fit); [`generate`] (a canopy where none was measured); [`learned`] (heights from networks).
 //!
 //! # Reference
 //! Kapp et al. 2020, section 5, doi:10.1145/3414685.3417848.
@@ -17,6 +17,7 @@ pub mod crown_fit;
 pub mod crowns;
 pub mod envelopes;
 pub mod generate;
+pub mod learned;
 pub mod limits;
 mod mosaic;
 pub mod placement;
