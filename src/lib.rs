@@ -9,6 +9,7 @@ pub mod canopy;
 pub mod cli;
 pub mod export;
 pub mod gpu;
+pub mod inference;
 pub mod io;
 pub mod math;
 pub mod pipeline;

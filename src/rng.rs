@@ -29,6 +29,12 @@ pub enum Process {
     CanopyDetailLattice = 96,
     /// Leaves, twigs and undergrowth of a learned canopy, cell by cell.
     CanopyDetailRoughness = 97,
+    /// What one footprint has that another of the same sketch has not.
+    FootprintNoise = 98,
+    /// What one canopy height has that another of the same footprint has not.
+    HeightNoise = 99,
+    /// How stand height deviates from place to place.
+    StandHeight = 100,
     /// Points that tests strew.
     StrewnPoints = 92,
 }

@@ -108,9 +108,10 @@ class SketchStyle:
 PLAIN_STYLE = SketchStyle()
 
 
-def derive_sketch(footprint, style=PLAIN_STYLE):
-    """Painted density that suits a footprint: 0 empty, 1 sparse, 2 dense."""
-    cover = ndimage.gaussian_filter(footprint.astype(np.float32), style.blur_cells, mode="nearest")
+def derive_sketch(footprint, style=PLAIN_STYLE, known=None):
+    """Painted density that suits a footprint: 0 empty, 1 sparse, 2 dense. Cells that are not `known` have no say."""
+    blur = lambda a: ndimage.gaussian_filter(a.astype(np.float32), style.blur_cells, mode="nearest")
+    cover = blur(footprint) if known is None else blur(footprint & known) / np.maximum(blur(known), 1e-3)
     sketch = np.where(cover < style.empty_below, EMPTY, np.where(cover > style.dense_above, DENSE, SPARSE))
     for _ in range(2):
         sketch = _majority(sketch, style.majority_cells)
@@ -281,6 +282,7 @@ class Sample:
     sketch: np.ndarray
     stand: np.ndarray
     chm_m: np.ndarray
+    style: SketchStyle = PLAIN_STYLE
 
 
 class Sampler:
@@ -294,13 +296,13 @@ class Sampler:
         for site in sites:
             styles = [PLAIN_STYLE] + [SketchStyle.random(style_rng) for _ in range(sketches_per_site - 1)]
             # sketches see only what may be trained on: a stroke must not tell of held-out canopy
-            footprint = site.footprint & ~site.held_out
-            derived = [derive_sketch(footprint, style) for style in styles]
-            self.sketches.append(([site.painted] * len(derived) if site.painted is not None else []) + derived)
-            chm = np.where(site.held_out, 0.0, site.chm_m)
-            valid = site.valid & ~site.held_out
-            self.stands.append([stand_height_m(chm, valid, r) for r in (STAND_RADIUS_CELLS, 2 * STAND_RADIUS_CELLS, 5 * STAND_RADIUS_CELLS)])
-            self.corners.append(_corners(valid, size))
+            known = site.valid & ~site.held_out
+            derived = [(derive_sketch(site.footprint, style, known), style) for style in styles]
+            painted = [] if site.painted is None else [(site.painted, PLAIN_STYLE)] * len(derived)
+            self.sketches.append(painted + derived)
+            chm = np.where(known, site.chm_m, 0.0)
+            self.stands.append([stand_height_m(chm, known, r) for r in (STAND_RADIUS_CELLS, 2 * STAND_RADIUS_CELLS, 5 * STAND_RADIUS_CELLS)])
+            self.corners.append(_corners(known, size))
             if len(self.corners[-1]) == 0:
                 raise ValueError(f"{site.name}: no square of {size} cells is free of held-out and missing cells: hold out less, or take a smaller --crop")
 
@@ -309,11 +311,12 @@ class Sampler:
         site, rng, size = self.sites[index], self.rng, self.size
         row, col = self.corners[index][rng.integers(len(self.corners[index]))]
         cut = np.s_[row : row + size, col : col + size]
-        sketch = self.sketches[index][rng.integers(len(self.sketches[index]))][cut]
+        sketch, style = self.sketches[index][rng.integers(len(self.sketches[index]))]
+        sketch = sketch[cut]
         stand = self.stands[index][rng.choice(3, p=[0.6, 0.2, 0.2])][cut]
         if rng.random() < 0.15:
             stand = np.full_like(stand, stand.mean())
-        sample = Sample(site.terrain[(slice(None), *cut)], one_hot(sketch), encode_height(stand)[None], site.chm_m[cut].astype(np.float32)[None])
+        sample = Sample(site.terrain[(slice(None), *cut)], one_hot(sketch), encode_height(stand)[None], site.chm_m[cut].astype(np.float32)[None], style)
         return _mirrored(sample) if rng.random() < 0.5 else sample
 
 
@@ -331,4 +334,4 @@ def _mirrored(sample):
     flip = lambda a: a[..., ::-1].copy()
     terrain = flip(sample.terrain)
     terrain[1] *= -1
-    return Sample(terrain, flip(sample.sketch), flip(sample.stand), flip(sample.chm_m))
+    return Sample(terrain, flip(sample.sketch), flip(sample.stand), flip(sample.chm_m), sample.style)

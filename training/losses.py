@@ -27,13 +27,16 @@ def gaussian_blur(x, cells):
     return functional.conv2d(x, kernel[None, None, :, None])
 
 
-def sketch_hinge(height_m, sketch):
-    """How far the local cover lies outside the interval of the painted class; sketch is one-hot."""
+def sketch_hinge(height_m, sketch, limits):
+    """How far the local cover lies outside the interval of the painted class.
+
+    `sketch` is one-hot; `limits` holds each sample's cover below which is empty and above which is dense: (batch, 2).
+    """
     cover = gaussian_blur(soft_footprint(height_m), PLAIN_STYLE.blur_cells)
     empty, sparse, dense = sketch[:, :1], sketch[:, 1:2], sketch[:, 2:]
-    low = SKETCH_MARGIN + sparse * PLAIN_STYLE.empty_below + dense * PLAIN_STYLE.dense_above
-    high = empty * PLAIN_STYLE.empty_below + sparse * PLAIN_STYLE.dense_above + dense * 2.0 - SKETCH_MARGIN
-    low = torch.where(empty > 0, torch.zeros_like(low), low)
+    empty_below, dense_above = limits[:, 0, None, None, None], limits[:, 1, None, None, None]
+    low = sparse * (empty_below + SKETCH_MARGIN) + dense * (dense_above + SKETCH_MARGIN)
+    high = empty * empty_below + sparse * dense_above + dense * 2.0 - SKETCH_MARGIN
     violation = functional.relu(low - cover) + functional.relu(cover - high)
     # each class weighs alike, however little of it there is
     shares = sketch.mean((2, 3), keepdim=True)

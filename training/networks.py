@@ -19,6 +19,10 @@ def unit_features(x):
     return x * torch.rsqrt((x * x).mean(1, keepdim=True) + 1e-6)
 
 
+ENCODED_CANOPY = 2.0 * (CANOPY_M / MAX_HEIGHT_M) ** 0.5 - 1.0
+"""The threshold of canopy, encoded."""
+
+
 class UNet(nn.Module):
     """U-Net of four halvings. Noise enters at every level, averaged down with its deviation kept."""
 
@@ -70,7 +74,7 @@ class FootprintGenerator(nn.Module):
 
     def forward(self, conditions, noise):
         """Encoded height, −1 to 1: (batch, 1, rows, cols)."""
-        return torch.tanh(self.net(conditions, noise))
+        return kept_empty(torch.tanh(self.net(conditions, noise)), conditions[:, :1])
 
 
 class HeightGenerator(nn.Module):
@@ -84,10 +88,17 @@ class HeightGenerator(nn.Module):
 
     def forward(self, conditions, noise):
         """Encoded height, −1 to 1: (batch, 1, rows, cols)."""
-        share = torch.sigmoid(self.net(conditions, noise)) ** 2
-        footprint = conditions[:, :1]
-        height = footprint * (CANOPY_M + (MAX_HEIGHT_M - CANOPY_M) * share) + (1 - footprint) * (0.99 * CANOPY_M * share)
-        return 2.0 * torch.sqrt(height / MAX_HEIGHT_M + 1e-6) - 1.0
+        x = self.net(conditions, noise)
+        # the slope is that of the encoding from the threshold up, so that low canopy is learnt as well as high
+        inside = ENCODED_CANOPY + 0.002 + functional.softplus(20.0 * x) / 20.0
+        outside = -1.0 + (ENCODED_CANOPY + 0.998) * torch.sigmoid(4.0 * x)
+        return torch.where(conditions[:, :1] > 0.5, inside.clamp(max=1.0), outside)
+
+
+def kept_empty(encoded, painted_empty):
+    """Encoded heights without canopy where painted empty, but for a fringe of one cell beside other paint."""
+    may_grow = functional.max_pool2d(1.0 - painted_empty, 3, 1, 1)
+    return torch.where(may_grow > 0.5, encoded, encoded.clamp(max=ENCODED_CANOPY - 0.02))
 
 
 def decode_height(encoded):

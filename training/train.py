@@ -17,8 +17,8 @@ import torch
 
 import losses
 import synthetic
-from dataset import CANOPY_M, MAX_HEIGHT_M, Sampler, brush_sketch, encode_height, one_hot, read_pairs
-from networks import GENERATORS, Critics, decode_height
+from dataset import CANOPY_M, MAX_HEIGHT_M, PLAIN_STYLE, Sampler, brush_sketch, encode_height, one_hot, read_pairs
+from networks import GENERATORS, Critics, decode_height, kept_empty
 
 
 @dataclasses.dataclass
@@ -45,9 +45,11 @@ class Config:
     weight_variogram: float = 0.5
     weight_texture: float = 8.0
     weight_planted: float = 1.0
-    gradient_penalty: float = 0.0043
+    weight_edges: float = 4.0
+    gradient_penalty: float = 0.0001
     gradient_penalty_every: int = 8
     average_decay: float = 0.998
+    begin_with: str = ""
 
 
 def parse():
@@ -76,7 +78,7 @@ class Batches:
         self.rng = np.random.default_rng([config.seed, 12])
 
     def pairs(self, synthetic_share):
-        """Conditions and heights (m) of a batch, part of it planted."""
+        """Conditions, heights (m) and limits of cover of a batch, part of it planted."""
         samples = [self._draw(self.planted if self.planted and self.rng.random() < synthetic_share else self.real) for _ in range(self.config.batch)]
         return self._stack(samples)
 
@@ -84,12 +86,12 @@ class Batches:
         return self._stack([self._draw(self.planted)])
 
     def painted(self):
-        """Conditions of real terrain under strokes of no real forest, with any stand height: (conditions, sketch)."""
+        """Conditions of real terrain under strokes of no real forest, with any stand height: (conditions, sketch, limits)."""
         sample = self.real.draw()
         sketch = one_hot(brush_sketch(sample.chm_m.shape[1:], self.rng))
         stand = np.full_like(sample.stand, encode_height(np.exp(self.rng.uniform(np.log(4.5), np.log(26)))))
         conditions = np.concatenate([sketch, sample.terrain, stand])
-        return self._tensor(conditions)[None], self._tensor(sketch)[None]
+        return self._tensor(conditions)[None], self._tensor(sketch)[None], self._tensor(_limits(PLAIN_STYLE))[None]
 
     def _draw(self, sampler):
         sample = sampler.draw()
@@ -97,13 +99,17 @@ class Batches:
             conditions = np.concatenate([sample.sketch, sample.terrain, sample.stand])
         else:
             conditions = np.concatenate([(sample.chm_m > CANOPY_M).astype(np.float32), sample.terrain, sample.stand])
-        return conditions, sample.chm_m
+        return conditions, sample.chm_m, _limits(sample.style)
 
     def _stack(self, samples):
-        return self._tensor(np.stack([s[0] for s in samples])), self._tensor(np.stack([s[1] for s in samples]))
+        return tuple(self._tensor(np.stack(parts)) for parts in zip(*samples))
 
     def _tensor(self, array):
         return torch.from_numpy(np.ascontiguousarray(array, np.float32)).to(self.device)
+
+
+def _limits(style):
+    return np.array([style.empty_below, style.dense_above], np.float32)
 
 
 class Training:
@@ -163,12 +169,16 @@ class Training:
         for optimiser in (self.generator_optimiser, self.critic_optimiser):
             optimiser.param_groups[0]["lr"] = rate
         share = config.synthetic_share_at_first if pretraining else config.synthetic_share_later
-        conditions, target_m = self.batches.pairs(share)
+        conditions, target_m, limits = self.batches.pairs(share)
         target = 2.0 * torch.sqrt(target_m.clamp(0, MAX_HEIGHT_M) / MAX_HEIGHT_M) - 1.0
+        if config.stage == "footprint":
+            # the critics are to judge texture, not that real canopy strays where somebody painted none
+            target = kept_empty(target, conditions[:, :1])
+            target_m = decode_height(target)
 
         # generator
         found = {}
-        extra, extra_target, extra_sketch = self._extra()
+        extra, extra_target, extra_limits = self._extra()
         seen = torch.cat([conditions, extra]) if extra is not None else conditions
         made_all = self.generator(seen, self.noise(seen))
         made = made_all[: len(conditions)]
@@ -183,12 +193,14 @@ class Training:
         total = config.weight_adversarial * found["adversarial"] + config.weight_l1 * found["l1"]
         total = total + config.weight_texture * found["texture"] + config.weight_variogram * found["variogram"] + config.weight_blocks * found["blocks"]
         if config.stage == "footprint":
-            found["sketch"] = losses.sketch_hinge(made_m, conditions[:, :3])
+            found["edges"] = self.texture(losses.soft_footprint(made_m), losses.soft_footprint(target_m))
+            total = total + config.weight_edges * found["edges"]
+            found["sketch"] = losses.sketch_hinge(made_m, conditions[:, :3], limits)
             total = total + config.weight_sketch * found["sketch"]
         if extra is not None:
             extra_m = decode_height(made_all[len(conditions) :])
-            if extra_sketch is not None:
-                found["paint"] = losses.sketch_hinge(extra_m, extra_sketch)
+            if extra_limits is not None:
+                found["paint"] = losses.sketch_hinge(extra_m, extra[:, :3], extra_limits)
                 total = total + config.weight_sketch * found["paint"]
             else:
                 found["planted"] = losses.block_means(extra_m, extra_target)
@@ -219,10 +231,10 @@ class Training:
     def _extra(self):
         """One more sample, alternately a planted forest (structure only) and, for footprints, strokes of no real forest."""
         if self.config.stage == "footprint" and (self.step % 2 == 0 or not self.batches.planted):
-            conditions, sketch = self.batches.painted()
-            return conditions, None, sketch
+            conditions, _, limits = self.batches.painted()
+            return conditions, None, limits
         if self.batches.planted:
-            conditions, target = self.batches.planted_pair()
+            conditions, target, _ = self.batches.planted_pair()
             return conditions, target, None
         return None, None, None
 
@@ -237,7 +249,7 @@ def sheet(training, path):
     batches = copy.deepcopy(training.batches)
     torch_state = torch.get_rng_state()
     torch.manual_seed(0)
-    conditions, target = batches.pairs(0.0)
+    conditions, target, _ = batches.pairs(0.0)
     more = batches.pairs(1.0) if batches.planted else batches.pairs(0.0)
     conditions, target = torch.cat([conditions, more[0]]), torch.cat([target, more[1]])
     with torch.no_grad():
@@ -284,7 +296,7 @@ def main():
     out.mkdir(parents=True, exist_ok=True)
     training = Training(config, args.device)
     checkpoint, log_path = out / "checkpoint.pt", out / "losses.csv"
-    names = ["step", "seconds", "adversarial", "critics", "l1", "texture", "variogram", "blocks", "sketch", "paint", "planted"]
+    names = ["step", "seconds", "adversarial", "critics", "l1", "texture", "edges", "variogram", "blocks", "sketch", "paint", "planted"]
     seconds_before = 0.0
     if checkpoint.exists():
         state = torch.load(checkpoint, map_location=args.device, weights_only=False)
@@ -297,6 +309,12 @@ def main():
         seconds_before = float(kept[-1]["seconds"]) if kept else 0.0
         print(f"going on at step {training.step}", flush=True)
     else:
+        if config.begin_with:
+            # the networks of another run, not its counters
+            state = torch.load(config.begin_with, map_location=args.device, weights_only=False)
+            training.generator.load_state_dict(state["average"])
+            training.average.load_state_dict(state["average"])
+            training.critics.load_state_dict(state["critics"])
         kept = []
         (out / "config.json").write_text(json.dumps(dataclasses.asdict(config), indent=1) + "\n")
     with open(log_path, "w", newline="") as file:

@@ -2,13 +2,16 @@
 
 use serde_json::json;
 
-use super::{Outcome, terminal};
+use super::{Outcome, grow, terminal};
 use crate::gpu::{self, GpuChoice};
+use crate::inference::RuntimeChoice;
 
 pub fn run(json: bool) -> Outcome {
     let threads = rayon::current_num_threads();
     let gdal = cfg!(feature = "gdal");
     let adapters = adapters();
+    let runtimes = grow::runtimes(RuntimeChoice::Auto, None).found();
+    let ort = runtimes.ort.as_ref().map(|path| path.display().to_string());
     if json {
         let adapters: Vec<_> = adapters
             .iter()
@@ -22,6 +25,7 @@ pub fn run(json: bool) -> Outcome {
         terminal::line(&json!({
             "version": env!("CARGO_PKG_VERSION"), "threads": threads, "gdal": gdal,
             "biomes": crate::species::Biome::BUILTIN_NAMES,
+            "onnx": {"rten": runtimes.rten, "ort": ort.as_ref().ok(), "ort_problem": ort.err().map(ToString::to_string)},
             "gpu": {"built": cfg!(feature = "gpu"), "adapters": adapters},
         }));
     } else {
@@ -31,6 +35,11 @@ pub fn run(json: bool) -> Outcome {
         let gdal =
             if gdal { "built in" } else { "not built in (cargo build --release --features gdal)" };
         terminal::say(&format!("GDAL       {gdal}"));
+        let onnx = match ort {
+            Ok(library) => format!("ONNX Runtime, {library}"),
+            Err(problem) => format!("{} (built in); {problem}", runtimes.rten),
+        };
+        terminal::say(&format!("networks   {onnx}"));
         for line in gpu_lines(&adapters) {
             terminal::say(&format!("GPU        {line}"));
         }

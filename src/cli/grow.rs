@@ -1,4 +1,4 @@
-//! `wildwood grow`: terrain and a measured canopy become a forest.
+//! `wildwood grow`: terrain and a painted or measured canopy become a forest.
 
 use std::path::{Path, PathBuf};
 
@@ -6,9 +6,12 @@ use clap::Args;
 
 use super::import::{self, TerrainArguments, Unit};
 use super::{Outcome, Shared, terminal};
+use crate::canopy::learned::sketch::Density;
 use crate::gpu::GpuChoice;
+use crate::inference::{LibrarySearch, ModelSource, RuntimeChoice, Runtimes};
 use crate::pipeline::Error;
 use crate::pipeline::grow::{self, CanopyRequest, GroundSource, GrowRequest, STAGE};
+use crate::pipeline::learned_canopy::{LearnedRequest, PaintSource, StandHeight};
 use crate::plants::table::TableFormat;
 use crate::progress::Reporter;
 use crate::scene::Manifest;
@@ -25,6 +28,28 @@ pub struct GrowArguments {
     /// Measured canopy height model: a raster of heights above ground. Point clouds bring their own.
     #[arg(long, value_name = "RASTER")]
     chm: Option<PathBuf>,
+    /// Painted density, from which trained networks make a canopy: a PNG stretched over the terrain (black empty, grey
+    /// #808080 sparse, white dense; or #f4e7c5, #90ee90, #006400), or a raster of 0, 1, 2.
+    #[arg(long, value_name = "PNG|RASTER", conflicts_with = "chm")]
+    sketch: Option<PathBuf>,
+    /// One density for all ground, in place of a sketch.
+    #[arg(long, value_name = "sparse|dense", conflicts_with_all = ["chm", "sketch"], value_parser = density)]
+    density: Option<Density>,
+    /// Canopy's footprint in place of a sketch, such as a scene's footprint.tif edited: 1 (white) canopy, 0 (black) open.
+    #[arg(long, value_name = "PNG|RASTER", conflicts_with_all = ["chm", "sketch", "density"])]
+    footprint: Option<PathBuf>,
+    /// Mean height of the canopy's stands in metres, or a raster of it [default: 16].
+    #[arg(long, value_name = "METRES|RASTER")]
+    stand_height: Option<String>,
+    /// Program that runs the networks: auto takes ONNX Runtime where its library is found, else the built-in one.
+    #[arg(long, value_name = "auto|rten|ort", default_value_t)]
+    onnx: RuntimeChoice,
+    /// ONNX Runtime's library.
+    #[arg(long, value_name = "FILE")]
+    ort_lib: Option<PathBuf>,
+    /// Folder with networks of your own: footprint.onnx, height.onnx and their cards.
+    #[arg(long, value_name = "FOLDER")]
+    models: Option<PathBuf>,
     /// Unit of the canopy's heights, where the file's header is silent or wrong.
     #[arg(long, value_enum)]
     chm_unit: Option<Unit>,
@@ -60,6 +85,45 @@ fn table_format(name: &str) -> Result<TableFormat, String> {
     TableFormat::from_name(name).ok_or_else(|| "give parquet or csv".to_owned())
 }
 
+fn density(name: &str) -> Result<Density, String> {
+    Density::from_name(name).ok_or_else(|| "give sparse or dense".to_owned())
+}
+
+/// The canopy to generate, if one is asked for.
+fn learned(arguments: &GrowArguments) -> Result<Option<LearnedRequest>, Error> {
+    let GrowArguments { sketch, density, footprint, .. } = arguments;
+    let paint = match (sketch, density, footprint) {
+        (Some(path), ..) => PaintSource::Sketch(path.clone()),
+        (_, Some(density), _) => PaintSource::Density(*density),
+        (.., Some(path)) => PaintSource::Footprint(path.clone()),
+        (None, None, None) => {
+            if arguments.stand_height.is_some() {
+                let what = "--stand-height needs a canopy to be made: give --sketch, --density or --footprint";
+                return Err(Error::Usage { what: what.to_owned() });
+            }
+            return Ok(None);
+        }
+    };
+    let stand_height = match &arguments.stand_height {
+        None => StandHeight::default(),
+        Some(text) => match text.parse() {
+            Ok(m) => StandHeight::About(m),
+            Err(_) => StandHeight::Raster(PathBuf::from(text)),
+        },
+    };
+    let models = arguments.models.clone().map_or(ModelSource::BuiltIn, ModelSource::Folder);
+    let runtimes = runtimes(arguments.onnx, arguments.ort_lib.clone());
+    Ok(Some(LearnedRequest { paint, stand_height, models, runtimes }))
+}
+
+/// The choice of program on this machine.
+pub fn runtimes(choice: RuntimeChoice, library: Option<PathBuf>) -> Runtimes {
+    let program = std::env::current_exe().ok();
+    let variable = |name: &str| std::env::var_os(name);
+    let search = LibrarySearch::of_machine(library, program.as_deref(), variable);
+    Runtimes { choice, search }
+}
+
 pub fn run(arguments: &GrowArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
     let (ground, folder) = ground(arguments, shared.seed)?;
     let mut canopy = CanopyRequest {
@@ -73,7 +137,8 @@ pub fn run(arguments: &GrowArguments, shared: &Shared, reporter: &Reporter) -> O
     };
     canopy.placement.canopy_min_height_m = arguments.min_height;
     let chm_unit = arguments.chm_unit.map(Unit::length);
-    let request = GrowRequest { ground, chm: arguments.chm.clone(), chm_unit, canopy };
+    let (chm, learned) = (arguments.chm.clone(), learned(arguments)?);
+    let request = GrowRequest { ground, chm, learned, chm_unit, canopy };
     let manifest = grow::run(&request, reporter)?;
     import::report(&folder, &manifest, shared);
     report_trees(&manifest, shared);

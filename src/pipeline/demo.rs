@@ -65,6 +65,7 @@ pub fn run(
         terrain: &read.terrain,
         site: &site,
         chm_m: &chm_m,
+        learned: None,
         allowed: read.terrain.elevation_m.mask(),
         biome: &species,
         brush: None,

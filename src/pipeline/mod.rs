@@ -1,18 +1,21 @@
 //! The order of stages: reads inputs, runs what is out of date, writes the scene folder.
 //!
 //! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write);
-//! [`grow`] (canopy trees), `measured_canopy` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints).
+//! [`grow`] (canopy trees), `measured_canopy` and [`learned_canopy`] with `paint` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints).
 
 pub mod brush;
 pub mod demo;
 pub mod exclusion;
 pub mod grow;
 pub mod import;
+pub mod learned_canopy;
 mod measured_canopy;
 mod onto_scene;
+mod paint;
 mod scene_files;
 
 use crate::canopy::shares::ShareError;
+use crate::inference::InferenceError;
 use crate::progress::Cancelled;
 use crate::{io, scene, species, terrain};
 
@@ -31,6 +34,8 @@ pub enum Error {
     Terrain(#[from] terrain::import::ImportError),
     #[error(transparent)]
     Shares(#[from] ShareError),
+    #[error(transparent)]
+    Inference(#[from] InferenceError),
     #[error("{what}")]
     Usage { what: String },
     #[error("{what}")]
@@ -51,6 +56,7 @@ impl Error {
         match self {
             Self::Io(e) => !e.is_machine_failure(),
             Self::Scene(e) => !e.is_machine_failure(),
+            Self::Inference(e) => e.is_bad_input(),
             Self::Failed { .. } | Self::Cancelled => false,
             _ => true,
         }

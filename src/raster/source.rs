@@ -1,6 +1,6 @@
 //! A raster as its file holds it, before it becomes terrain.
 
-use super::Crs;
+use super::{Crs, GeoTransform};
 
 /// Map position of a raster as files give it; may be rotated, geographic, or have oblong cells.
 ///
@@ -20,6 +20,20 @@ pub struct Affine {
     pub row_dx: f64,
     /// Step in y per row; negative when rows run from the north.
     pub row_dy: f64,
+}
+
+impl From<&GeoTransform> for Affine {
+    fn from(transform: &GeoTransform) -> Self {
+        let GeoTransform { west_m, north_m, cell_m } = *transform;
+        Self {
+            origin_x: west_m,
+            origin_y: north_m,
+            col_dx: cell_m,
+            col_dy: 0.0,
+            row_dx: 0.0,
+            row_dy: -cell_m,
+        }
+    }
 }
 
 /// A unit of length in file headers.
