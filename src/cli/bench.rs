@@ -145,8 +145,7 @@ impl PreparedCanopy {
 fn canopy_trees(prepared: &PreparedCanopy, reporter: &Reporter) -> Result<Value, Error> {
     let PreparedCanopy { terrain, site, chm_m, biome } = prepared;
     let allowed = terrain.elevation_m.mask();
-    let input =
-        CanopyInput { terrain, site, chm_m, learned: None, allowed, biome, brush: None };
+    let input = CanopyInput { terrain, site, chm_m, learned: None, allowed, biome, brush: None };
     let request = CanopyRequest { gpu: GpuChoice::Off, ..CanopyRequest::default() };
     let reporter = reporter.silenced();
     reset_peak_memory();

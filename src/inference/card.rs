@@ -41,7 +41,8 @@ impl Card {
     /// If it is no card, of another format, or of a network with other inputs than `channels`.
     pub fn parse(text: &str, place: &str, channels: &[&str]) -> Result<Self, InferenceError> {
         let problem = |problem: String| InferenceError::Card { place: place.to_owned(), problem };
-        let card: Self = toml::from_str(text).map_err(|e| problem(format!("no model card: {e}")))?;
+        let card: Self =
+            toml::from_str(text).map_err(|e| problem(format!("no model card: {e}")))?;
         if card.format != FORMAT {
             return Err(problem(format!(
                 "format {} of model cards; this wildwood reads format {FORMAT}",

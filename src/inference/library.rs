@@ -51,7 +51,8 @@ impl LibrarySearch {
             "/opt/homebrew/lib",
         ];
         folders.extend(system.map(|folder| (folder.to_owned(), PathBuf::from(folder))));
-        let variable = variable("ORT_DYLIB_PATH").filter(|path| !path.is_empty()).map(PathBuf::from);
+        let variable =
+            variable("ORT_DYLIB_PATH").filter(|path| !path.is_empty()).map(PathBuf::from);
         Self { named, variable, folders }
     }
 
@@ -62,7 +63,8 @@ impl LibrarySearch {
         }
         let found = self.folders.iter().find_map(|(_, folder)| library_in(folder));
         found.ok_or_else(|| {
-            let mut looked: Vec<String> = self.folders.iter().map(|(name, _)| name.clone()).collect();
+            let mut looked: Vec<String> =
+                self.folders.iter().map(|(name, _)| name.clone()).collect();
             looked.dedup();
             looked
         })

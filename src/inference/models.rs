@@ -73,12 +73,7 @@ impl Model {
                 let (card, onnx) = (file("toml"), file("onnx"));
                 let text = std::fs::read_to_string(&card).map_err(missing(&card))?;
                 let bytes = std::fs::read(&onnx).map_err(missing(&onnx))?;
-                (
-                    text.into(),
-                    bytes.into(),
-                    card.display().to_string(),
-                    onnx.display().to_string(),
-                )
+                (text.into(), bytes.into(), card.display().to_string(), onnx.display().to_string())
             }
         };
         let card = Card::parse(&text, &card_place, channels)?;
@@ -114,9 +109,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let source = ModelSource::Folder(folder.path().to_owned());
         let (_, card, bytes) = BUILT_IN[1];
-        let channels =
-            ["footprint", "relief", "gradient_east", "gradient_north", "stand_height"];
-        let load = || Model::load(&source, "height", &channels).map(|_| ()).unwrap_err().to_string();
+        let channels = ["footprint", "relief", "gradient_east", "gradient_north", "stand_height"];
+        let load =
+            || Model::load(&source, "height", &channels).map(|_| ()).unwrap_err().to_string();
         assert!(load().contains("height.toml"));
         std::fs::write(folder.path().join("height.toml"), card).unwrap();
         assert!(load().contains("height.onnx"));

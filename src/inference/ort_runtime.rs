@@ -98,7 +98,8 @@ impl Runtime for OrtRuntime {
             "noise" => noise.map_err(|e| problem(&e))?,
         ];
         let outputs = session.run(inputs).map_err(|e| problem(&e))?;
-        let output = outputs.get("height_m").ok_or_else(|| problem(&"it has no output height_m"))?;
+        let output =
+            outputs.get("height_m").ok_or_else(|| problem(&"it has no output height_m"))?;
         let (shape, height_m) = output.try_extract_tensor::<f32>().map_err(|e| problem(&e))?;
         if height_m.len() != rows * cols {
             return Err(problem(&format!("its output has the shape {shape:?}")));

@@ -42,12 +42,8 @@ impl Runtime for RtenRuntime {
 
     fn run(&self, tile: Tile) -> Result<Vec<f32>, InferenceError> {
         let Tile { channels, rows, cols, conditions, noise } = tile;
-        let problem = |problem: String| InferenceError::Run {
-            runtime: NAME.to_owned(),
-            rows,
-            cols,
-            problem,
-        };
+        let problem =
+            |problem: String| InferenceError::Run { runtime: NAME.to_owned(), rows, cols, problem };
         let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
         let pool = idle().pop();
         let pool = pool.unwrap_or_else(|| Arc::new(ThreadPool::with_num_threads(1)));

@@ -6,8 +6,8 @@
 
 use rayon::prelude::*;
 
-use super::runtime::{Network, Tile};
 use super::InferenceError;
+use super::runtime::{Network, Tile};
 use crate::progress::Reporter;
 
 /// Maps that a network takes, on one lattice; outside them their border goes on.
@@ -127,8 +127,7 @@ impl Network {
             drawn.extend((0..cols as i64).map(|col| noise(south, first_east + col)));
         }
         let channels = maps.planes.len();
-        let values =
-            self.runtime.run(Tile { channels, rows, cols, conditions, noise: drawn })?;
+        let values = self.runtime.run(Tile { channels, rows, cols, conditions, noise: drawn })?;
 
         // the core lies within
         let (down, right) = ((core.row as i64 - top) as usize, (core.col as i64 - left) as usize);
@@ -185,9 +184,12 @@ mod tests {
     fn values(network: &Network, window: &Window, layout: TileLayout) -> Vec<f32> {
         let Window { rows, cols, first_south, first_east } = *window;
         let plane = |scale: f32, shift: i64| -> Vec<f32> {
-            let cells = (0..rows as i64).flat_map(|row| (0..cols as i64).map(move |col| (row, col)));
+            let cells =
+                (0..rows as i64).flat_map(|row| (0..cols as i64).map(move |col| (row, col)));
             cells
-                .map(|(row, col)| scale * draw((first_south + row) / 7 + shift, (first_east + col) / 7))
+                .map(|(row, col)| {
+                    scale * draw((first_south + row) / 7 + shift, (first_east + col) / 7)
+                })
                 .collect()
         };
         let footprint: Vec<f32> = plane(1.0, 0).iter().map(|v| f32::from(*v > -0.2)).collect();
@@ -264,13 +266,11 @@ mod tests {
 
     #[test]
     fn cores_are_put_back_where_they_were_cut() {
-        let card = Card::parse(include_str!("../../models/height.toml"), "card", &[
-            "footprint",
-            "relief",
-            "gradient_east",
-            "gradient_north",
-            "stand_height",
-        ]);
+        let card = Card::parse(
+            include_str!("../../models/height.toml"),
+            "card",
+            &["footprint", "relief", "gradient_east", "gradient_north", "stand_height"],
+        );
         let network = Network { card: card.unwrap(), runtime: Box::new(Echo) };
         let map: Vec<f32> = (0..61 * 83).map(|i| i as f32).collect();
         let planes = vec![map.as_slice(); 5];

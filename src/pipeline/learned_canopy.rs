@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use super::Error;
 use super::paint::{self, Paint};
 use super::scene_files::StageFiles;
-use super::Error;
 use crate::canopy::learned::bare;
 use crate::canopy::learned::coarse::CoarseCells;
 use crate::canopy::learned::generator::{self, CoarseGround, Generators};
@@ -84,9 +84,11 @@ impl LearnedRequest {
         };
         let models = match &self.models {
             ModelSource::BuiltIn => Vec::new(),
-            ModelSource::Folder(folder) => ["footprint.onnx", "footprint.toml", "height.onnx", "height.toml"]
-                .map(|name| folder.join(name))
-                .to_vec(),
+            ModelSource::Folder(folder) => {
+                ["footprint.onnx", "footprint.toml", "height.onnx", "height.toml"]
+                    .map(|name| folder.join(name))
+                    .to_vec()
+            }
         };
         paint.into_iter().chain(stand).chain(models).collect()
     }
@@ -105,7 +107,10 @@ impl LearnedRequest {
         };
         let built_in = match self.models {
             ModelSource::BuiltIn => {
-                concat!(include_str!("../../models/footprint.toml"), include_str!("../../models/height.toml"))
+                concat!(
+                    include_str!("../../models/footprint.toml"),
+                    include_str!("../../models/height.toml")
+                )
             }
             ModelSource::Folder(_) => "",
         };
@@ -126,7 +131,9 @@ impl LearnedRequest {
             }
         };
         match &self.stand_height {
-            StandHeight::About(m) => table.insert("stand_height_m".to_owned(), f64::from(*m).into()),
+            StandHeight::About(m) => {
+                table.insert("stand_height_m".to_owned(), f64::from(*m).into())
+            }
             StandHeight::Raster(path) => table.insert("stand_height".to_owned(), name(path)),
         };
         table
@@ -141,8 +148,11 @@ impl LearnedRequest {
             && !stand_height::RANGE_M.contains(&m)
         {
             let range = stand_height::RANGE_M;
-            let what =
-                format!("--stand-height {m}: give metres from {} to {}", range.start(), range.end());
+            let what = format!(
+                "--stand-height {m}: give metres from {} to {}",
+                range.start(),
+                range.end()
+            );
             return Err(Error::Usage { what });
         }
         let paint = match &self.paint {

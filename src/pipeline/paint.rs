@@ -69,8 +69,7 @@ impl Paint {
         let frame = &cells.frame;
         let all = || std::sync::Arc::new(Mask::all_valid(frame.len()));
         let Some(picture) = &self.picture else {
-            let codes =
-                onto_scene::read_nearest(&self.path, frame, &Limits::default(), reporter)?;
+            let codes = onto_scene::read_nearest(&self.path, frame, &Limits::default(), reporter)?;
             if !codes.valid.contains(&true) {
                 let what = format!("{}: does not overlap the terrain", self.path.display());
                 return Err(Error::Usage { what });
@@ -100,10 +99,8 @@ fn picture(path: &Path, bytes: &[u8]) -> Result<Picture, Error> {
                 .at(path),
         )
     };
-    let mut reader = image::ImageReader::with_format(
-        std::io::Cursor::new(bytes),
-        image::ImageFormat::Png,
-    );
+    let mut reader =
+        image::ImageReader::with_format(std::io::Cursor::new(bytes), image::ImageFormat::Png);
     let mut limits = image::Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(MOST_PIXELS), Some(MOST_PIXELS));
     limits.max_alloc = Some(4 << 30);
@@ -141,11 +138,8 @@ fn refuse(
     }
     let mut listed: Vec<_> = wrong.iter().collect();
     listed.sort_by_key(|(name, count)| (std::cmp::Reverse(**count), (*name).clone()));
-    let names: Vec<String> = listed
-        .iter()
-        .take(MOST_LISTED)
-        .map(|(name, count)| format!("{name} ({count})"))
-        .collect();
+    let names: Vec<String> =
+        listed.iter().take(MOST_LISTED).map(|(name, count)| format!("{name} ({count})")).collect();
     let more = listed.len().saturating_sub(MOST_LISTED);
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     let what = format!(
@@ -212,7 +206,10 @@ mod tests {
         let error = read(&png(&colours, 2)).err().unwrap();
         let text = error.to_string();
         assert!(error.is_bad_input());
-        assert!(text.contains("#c80000 (2), #0000c8 (1)") && text.contains("#808080 sparse"), "{text}");
+        assert!(
+            text.contains("#c80000 (2), #0000c8 (1)") && text.contains("#808080 sparse"),
+            "{text}"
+        );
     }
 
     #[test]

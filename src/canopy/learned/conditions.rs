@@ -35,7 +35,8 @@ impl TerrainChannels {
         let land = elevation_m.mask().as_slice();
         // heights above the first land cell: sums keep their digits
         let base = elevation_m.valid_values().next().copied().unwrap_or(0.0);
-        let height = |i: usize| if land[i] { f64::from(elevation_m.values()[i] - base) } else { 0.0 };
+        let height =
+            |i: usize| if land[i] { f64::from(elevation_m.values()[i] - base) } else { 0.0 };
         let heights: Vec<f64> = (0..rows * cols).map(height).collect();
         let weights: Vec<f64> = land.iter().map(|land| f64::from(u8::from(*land))).collect();
         let (mut sums, mut shares) = (heights.clone(), weights);
@@ -45,7 +46,11 @@ impl TerrainChannels {
         }
         let compressed = |value: f64| asinh(value) as f32; // a few units
         let relief = |i: usize| {
-            if land[i] { compressed((heights[i] - sums[i] / shares[i].max(1e-12)) / RELIEF_M) } else { 0.0 }
+            if land[i] {
+                compressed((heights[i] - sums[i] / shares[i].max(1e-12)) / RELIEF_M)
+            } else {
+                0.0
+            }
         };
         // central differences; rim cells take their inner neighbours'
         let run_m = 2.0 * elevation_m.frame().transform.cell_m;
@@ -140,7 +145,9 @@ mod tests {
             for (i, sum) in sums.iter().enumerate() {
                 let (row, col) = (i / 7, i % 7);
                 let expected: f64 = (0..35)
-                    .filter(|j| (j / 7_usize).abs_diff(row) <= radius && (j % 7).abs_diff(col) <= radius)
+                    .filter(|j| {
+                        (j / 7_usize).abs_diff(row) <= radius && (j % 7).abs_diff(col) <= radius
+                    })
                     .map(|j| values[j])
                     .sum();
                 assert!((sum - expected).abs() < 1e-9, "radius {radius}, cell {i}");
@@ -150,7 +157,8 @@ mod tests {
 
     #[test]
     fn a_plane_has_its_gradients_and_no_relief() {
-        let plane = Grid::from_fn(40, 50, 4.0, |c| 1000.0 + 1.2 * c.col as f32 + 0.4 * c.row as f32);
+        let plane =
+            Grid::from_fn(40, 50, 4.0, |c| 1000.0 + 1.2 * c.col as f32 + 0.4 * c.row as f32);
         let channels = TerrainChannels::of(&plane);
         // rows run south
         let (east, north) = (asinh(0.3 / 0.3) as f32, asinh(-0.1 / 0.3) as f32);
@@ -170,7 +178,11 @@ mod tests {
             let valid = (0..3600).map(|i| i % 60 < 50).collect();
             let values = grid.values().iter().enumerate();
             let values = values.map(|(i, v)| if i % 60 < 50 { *v } else { -9999.0 }).collect();
-            TerrainChannels::of(&Grid::new(Arc::clone(grid.frame()), Arc::new(Mask::new(valid)), values))
+            TerrainChannels::of(&Grid::new(
+                Arc::clone(grid.frame()),
+                Arc::new(Mask::new(valid)),
+                values,
+            ))
         };
         let (low, high) = (hill(0.0), hill(2048.0));
         for (a, b) in low.relief.iter().zip(&high.relief) {

@@ -11,7 +11,9 @@ use super::conditions::{TerrainChannels, encoded_height};
 use super::detail::{self, CANOPY_M, CoarseCanopy};
 use super::sketch::{Density, Sketch};
 use super::stand_height;
-use crate::inference::{InferenceError, MapPlanes, Model, ModelSource, Network, Runtimes, TileLayout};
+use crate::inference::{
+    InferenceError, MapPlanes, Model, ModelSource, Network, Runtimes, TileLayout,
+};
 use crate::progress::Reporter;
 use crate::raster::{Grid, Mask};
 use crate::rng::{self, Key, Process};
@@ -164,7 +166,8 @@ impl CoarseGround {
     pub fn onto_scene(&self, height_m: &Grid<f32>, scene: &Grid<f32>, seed: u64) -> Grid<f32> {
         if scene.frame() == &self.cells.frame {
             let masked = height_m.values().iter().zip(scene.mask().as_slice());
-            return scene.with_values(masked.map(|(h, land)| if *land { *h } else { 0.0 }).collect());
+            return scene
+                .with_values(masked.map(|(h, land)| if *land { *h } else { 0.0 }).collect());
         }
         let CoarseCells { frame, first_east, first_south } = &self.cells;
         let coarse = CoarseCanopy {

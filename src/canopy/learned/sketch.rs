@@ -64,9 +64,8 @@ pub fn density_of_colour([red, green, blue, alpha]: [u8; 4]) -> Option<Density> 
         return Some(Density::Empty);
     }
     let near = |a: u8, b: u8| a.abs_diff(b) <= TOLERANCE;
-    let found = PALETTE
-        .iter()
-        .find(|(_, [r, g, b])| near(red, *r) && near(green, *g) && near(blue, *b));
+    let found =
+        PALETTE.iter().find(|(_, [r, g, b])| near(red, *r) && near(green, *g) && near(blue, *b));
     found.map(|(density, _)| *density)
 }
 
