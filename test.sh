@@ -14,7 +14,8 @@ if [ ! -x .venv/bin/pip ]; then
   rm -rf .venv
   python3 -m venv .venv || fail "python3 cannot make a virtual environment: install its venv module (apt-get install python3-venv)"
 fi
-.venv/bin/pip install --quiet --disable-pip-version-check -r tests/crosscheck/requirements.txt ||
+.venv/bin/pip install --quiet --disable-pip-version-check -r tests/crosscheck/requirements.txt \
+  -r training/requirements.txt ||
   fail "pip cannot install the Python checkers: is the network there?"
 
 # for the feature gdal, and for slopes and warps against GDAL's programs
@@ -64,7 +65,7 @@ if has_gdal; then
 fi
 
 step "Python cross-checks"
-cargo build --release --quiet
+cargo build --release --quiet --bins --example run_network
 [ -x "$target/release/wildwood" ] || fail "no program at $target/release/wildwood"
 .venv/bin/python -m pytest -q -rs --disable-warnings -p no:cacheprovider tests/crosscheck
 

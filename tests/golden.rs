@@ -58,6 +58,7 @@ fn trees_keep_their_bits() {
         terrain: &terrain,
         site: &site,
         chm_m: &chm_m,
+        learned: None,
         allowed: terrain.elevation_m.mask(),
         biome: &biome,
         brush: None,

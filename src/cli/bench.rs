@@ -8,16 +8,21 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::{Outcome, terminal};
+use crate::canopy::learned::coarse::CoarseCells;
+use crate::canopy::learned::generator::{self, CoarseGround, Generators};
+use crate::canopy::learned::sketch::Density;
+use crate::canopy::learned::stand_height;
 use crate::canopy::shares::Shares;
 use crate::canopy::site::Site;
 use crate::gpu::GpuChoice;
+use crate::inference::{ModelSource, RuntimeChoice, TileLayout};
 use crate::pipeline::grow::{self, CanopyInput, CanopyRequest};
 use crate::pipeline::{Error, import};
 use crate::progress::{Reporter, peak_memory_mib, reset_peak_memory};
 use crate::raster::Grid;
 use crate::species::Biome;
 use crate::terrain::Terrain;
-use crate::terrain::generate::{self, GenerateParams};
+use crate::terrain::generate::{self as landscape, GenerateParams};
 use crate::terrain::point_cloud::synthetic;
 use crate::{abiotics, canopy};
 
@@ -35,6 +40,9 @@ pub struct BenchArguments {
     /// Point cloud for `import-laz` instead of a generated one.
     #[arg(long)]
     laz: Option<PathBuf>,
+    /// Program that runs the networks of `learned-1km` and `learned-10km`.
+    #[arg(long, value_name = "auto|rten|ort", default_value_t)]
+    onnx: RuntimeChoice,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -56,6 +64,12 @@ enum Workload {
     /// The same of about 745,000 trees.
     #[value(name = "canopy-3072")]
     Canopy3072,
+    /// Sketch to footprint to canopy height by both networks, 1 km² at 4 m.
+    #[value(name = "learned-1km")]
+    Learned1Km,
+    /// The same, 10 × 10 km.
+    #[value(name = "learned-10km")]
+    Learned10Km,
     /// 1 km² at 1 m: file to terrain, and file to whole scene folder.
     ImportDem,
     /// 4 million points over 1 km²: file to terrain and canopy, and file to whole scene folder.
@@ -78,6 +92,7 @@ pub fn run(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
         runs.push(match &prepared {
             Prepared::Terrain(terrain) => abiotic_maps(terrain, reporter)?,
             Prepared::Canopy(canopy) => canopy_trees(canopy, reporter)?,
+            Prepared::Ground(ground) => learned(ground, arguments.onnx, reporter)?,
             Prepared::File(input) => whole_import(input, folder.path(), reporter)?,
         });
     }
@@ -98,6 +113,7 @@ pub fn run(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
 enum Prepared {
     Terrain(Terrain),
     Canopy(Box<PreparedCanopy>),
+    Ground(Terrain),
     File(PathBuf),
 }
 
@@ -126,7 +142,7 @@ impl PreparedCanopy {
             cell_m: KAPP_CELL_M,
             ..GenerateParams::default()
         };
-        let terrain = generate::generate(&params, &reporter)?;
+        let terrain = landscape::generate(&params, &reporter)?;
         let biome = Biome::builtin(import::DEFAULT_BIOME)?;
         let params = abiotics::Params::default();
         let maps = abiotics::run(&terrain, &biome.climate, &params, &reporter)?;
@@ -161,6 +177,31 @@ fn canopy_trees(prepared: &PreparedCanopy, reporter: &Reporter) -> Result<Value,
     }))
 }
 
+/// Both networks and all around them, on stripes of every density; opening them is counted too.
+fn learned(terrain: &Terrain, onnx: RuntimeChoice, reporter: &Reporter) -> Result<Value, Error> {
+    let reporter = reporter.silenced();
+    let runtimes = super::grow::runtimes(onnx, None);
+    reset_peak_memory();
+    let started = Instant::now();
+    let generators = Generators::open(&ModelSource::BuiltIn, &runtimes, |_| ())?;
+    let elevation_m = terrain.elevation_m.clone();
+    let cells = CoarseCells::of(elevation_m.frame());
+    let stand_m = stand_height::around(stand_height::DEFAULT_M, &cells, 1);
+    let count = cells.frame.len();
+    let density = |index: usize| Density::ALL[(index % cells.frame.cols) / 20 % 3];
+    let densities = (0..count).map(density).collect();
+    let sketch = generator::whole(&cells, Density::Empty).with_values(densities);
+    let ground = CoarseGround::new(cells, elevation_m, vec![false; count], stand_m);
+    let layout = TileLayout::default();
+    let footprint = generators.footprint(&ground, &sketch, 1, layout, &reporter)?;
+    generators.height_m(&ground, &footprint, 1, layout, &reporter)?;
+    let seconds = started.elapsed().as_secs_f64();
+    Ok(json!({
+        "seconds": seconds, "cells": count, "ns_per_cell": seconds * 1e9 / count as f64,
+        "runtime": generators.runtime_name(), "stages_s": stages(&reporter),
+    }))
+}
+
 fn run_all(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
     let program = std::env::current_exe().map_err(|e| failed("own program", e))?;
     for workload in Workload::value_variants() {
@@ -168,6 +209,7 @@ fn run_all(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
         let Some(value) = workload.to_possible_value() else { continue };
         let mut command = Command::new(&program);
         command.args(["bench", value.get_name(), "--repeat", &arguments.repeat.to_string()]);
+        command.args(["--onnx", arguments.onnx.name()]);
         command.args(["--threads", &rayon::current_num_threads().to_string()]);
         for (flag, path) in [("--dem", &arguments.dem), ("--laz", &arguments.laz)] {
             if let Some(path) = path {
@@ -198,7 +240,7 @@ fn prepare(
 ) -> Result<Prepared, Error> {
     let generated = |size: usize, cell_m: f64| {
         let params = GenerateParams { rows: size, cols: size, cell_m, ..GenerateParams::default() };
-        generate::generate(&params, &reporter.silenced())
+        landscape::generate(&params, &reporter.silenced())
     };
     Ok(match workload {
         Workload::Abiotics512 => Prepared::Terrain(generated(512, 2.0)?),
@@ -214,6 +256,8 @@ fn prepare(
         Workload::Canopy3072 => {
             Prepared::Canopy(PreparedCanopy::new(3072, 944.0, 7.5, reporter)?.into())
         }
+        Workload::Learned1Km => Prepared::Ground(generated(250, 4.0)?),
+        Workload::Learned10Km => Prepared::Ground(generated(2500, 4.0)?),
         Workload::ImportLaz => Prepared::File(match &arguments.laz {
             Some(path) => path.clone(),
             None => {

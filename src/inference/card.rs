@@ -58,7 +58,7 @@ impl Card {
             )));
         }
         let is_side = |cells: usize| (1..=MOST_CELLS).contains(&cells);
-        if !is_side(card.stride_cells) || card.halo_cells > MOST_CELLS || !(card.cell_m > 0.0) {
+        if !is_side(card.stride_cells) || card.halo_cells > MOST_CELLS || !card.cell_m.is_normal() {
             return Err(problem(
                 "stride_cells, halo_cells and cell_m must be sizes of cells".to_owned(),
             ));

@@ -259,7 +259,7 @@ mod tests {
         }
 
         fn run(&self, tile: Tile) -> Result<Vec<f32>, InferenceError> {
-            assert!(tile.rows % 16 == 0 && tile.cols % 16 == 0);
+            assert!(tile.rows.is_multiple_of(16) && tile.cols.is_multiple_of(16));
             Ok(tile.conditions[..tile.rows * tile.cols].to_vec())
         }
     }

@@ -195,7 +195,7 @@ mod tests {
         let cells = CoarseCells::of(&scene);
         let sketch = paint.onto(&cells, &scene, &Reporter::silent()).unwrap();
         let at = |row, col| sketch[crate::raster::Cell { row, col }];
-        assert_eq!([at(0, 0), at(12, 24)], [Density::Empty; 2]);
+        assert_eq!([at(0, 0), at(11, 24)], [Density::Empty; 2]);
         assert_eq!(at(0, 25), Density::Sparse);
         assert_eq!([at(13, 0), at(24, 49)], [Density::Dense; 2]);
     }

@@ -105,9 +105,9 @@ fn box_sums(values: &[f64], rows: usize, cols: usize, radius: usize) -> Vec<f64>
     let mut across = vec![0.0; rows * cols];
     across.par_chunks_mut(cols).zip(values.par_chunks(cols)).for_each(|(out, line)| {
         let mut sum: f64 = line[..radius.min(cols)].iter().sum();
-        for col in 0..cols {
+        for (col, out) in out.iter_mut().enumerate() {
             sum += line.get(col + radius).copied().unwrap_or(0.0);
-            out[col] = sum;
+            *out = sum;
             sum -= col.checked_sub(radius).map_or(0.0, |col| line[col]);
         }
     });
