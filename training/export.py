@@ -93,7 +93,7 @@ def write_onnx(generator, path):
 
 def write_card(stage, state, onnx_path, figures, card_path):
     """The model card: what goes in, what comes out, where it comes from, how good it is."""
-    text = json.dumps  # a TOML basic string is a JSON string
+    text = lambda value: json.dumps(value, ensure_ascii=False)  # a TOML basic string is a JSON string
     generator = GENERATORS[stage](state["config"]["features"])
     reach = receptive_field(generator)
     if reach > HALO:
@@ -131,7 +131,11 @@ def write_card(stage, state, onnx_path, figures, card_path):
         "[training]",
         f"steps_done = {state['step']}",
     ]
-    lines += [f"{key} = {text(value)}" for key, value in state["config"].items()]
+    config = dict(state["config"])
+    if config.get("begin_with"):
+        # the run's name, not where it lay
+        config["begin_with"] = pathlib.Path(config["begin_with"]).parent.name
+    lines += [f"{key} = {text(value)}" for key, value in config.items()]
     if figures:
         lines += ["", "# Held-out figures by training/evaluate.py; SJER and HARV. models/figures.md has all of them."]
         lines += ["[figures]"] + [f"{text(key)} = {text(value)}" for key, value in figures.items()]

@@ -86,7 +86,8 @@ fn table_format(name: &str) -> Result<TableFormat, String> {
 }
 
 fn density(name: &str) -> Result<Density, String> {
-    Density::from_name(name).ok_or_else(|| "give sparse or dense".to_owned())
+    let painted = Density::from_name(name).filter(|density| *density != Density::Empty);
+    painted.ok_or_else(|| "give sparse or dense".to_owned())
 }
 
 /// The canopy to generate, if one is asked for.
@@ -97,9 +98,16 @@ fn learned(arguments: &GrowArguments) -> Result<Option<LearnedRequest>, Error> {
         (_, Some(density), _) => PaintSource::Density(*density),
         (.., Some(path)) => PaintSource::Footprint(path.clone()),
         (None, None, None) => {
-            if arguments.stand_height.is_some() {
-                let what = "--stand-height needs a canopy to be made: give --sketch, --density or --footprint";
-                return Err(Error::Usage { what: what.to_owned() });
+            let given = [
+                ("--stand-height", arguments.stand_height.is_some()),
+                ("--ort-lib", arguments.ort_lib.is_some()),
+                ("--models", arguments.models.is_some()),
+            ];
+            if let Some((option, _)) = given.iter().find(|(_, given)| *given) {
+                let what = format!(
+                    "{option} needs a canopy to be made: give --sketch, --density or --footprint"
+                );
+                return Err(Error::Usage { what });
             }
             return Ok(None);
         }

@@ -4,7 +4,7 @@
 //! therefore handed over with a halo, begun at a multiple of the stride **on the map**, and only its core is kept: what a
 //! cell gets depends neither on the layout of tiles nor on the window that is looked at.
 
-use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::InferenceError;
 use super::runtime::{Network, Tile};
@@ -73,17 +73,28 @@ impl Network {
         }
         let cores = cores(rows, cols, layout);
         let stage = reporter.stage(name, cores.len() as u64);
-        let tiles: Vec<Vec<f32>> = cores
-            .par_iter()
-            .map(|core| {
+        // threads of our own: runtimes have pools, and a worker of rayon that waits for another pool begins further
+        // tiles meanwhile, one upon the other
+        let next = AtomicUsize::new(0);
+        let work = || {
+            let mut kept = Vec::new();
+            while let Some(core) = cores.get(next.fetch_add(1, Ordering::Relaxed)) {
                 reporter.check_cancelled()?;
-                let kept = self.tile(maps, &noise, *core)?;
+                kept.push((*core, self.tile(maps, &noise, *core)?));
                 stage.advance(1);
-                Ok::<_, InferenceError>(kept)
-            })
-            .collect::<Result<_, _>>()?;
+            }
+            Ok::<_, InferenceError>(kept)
+        };
+        let threads = rayon::current_num_threads().min(cores.len());
+        let tiles = std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+            let joined = workers.into_iter().map(|worker| {
+                worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            });
+            joined.collect::<Result<Vec<_>, _>>()
+        })?;
         let mut values = vec![0.0; rows * cols];
-        for (core, tile) in cores.iter().zip(tiles) {
+        for (core, tile) in tiles.into_iter().flatten() {
             for (row, kept) in tile.chunks_exact(core.cols).enumerate() {
                 values[(core.row + row) * cols + core.col..][..core.cols].copy_from_slice(kept);
             }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::Error;
-use super::paint::{self, Paint};
+use super::paint::{Paint, StandRaster};
 use super::scene_files::StageFiles;
 use crate::canopy::learned::bare;
 use crate::canopy::learned::coarse::CoarseCells;
@@ -59,6 +59,7 @@ pub struct ReadyCanopy<'a> {
     request: &'a LearnedRequest,
     generators: Generators,
     paint: Option<Paint>,
+    stand: Option<StandRaster>,
 }
 
 /// A generated canopy.
@@ -159,12 +160,13 @@ impl LearnedRequest {
             PaintSource::Sketch(path) | PaintSource::Footprint(path) => Some(Paint::read(path)?),
             PaintSource::Density(_) => None,
         };
-        if let StandHeight::Raster(path) = &self.stand_height {
-            crate::io::raster_file::read(path, None, &crate::io::Limits::default())?;
-        }
+        let stand = match &self.stand_height {
+            StandHeight::Raster(path) => Some(StandRaster::read(path)?),
+            StandHeight::About(_) => None,
+        };
         let say = |text: String| reporter.warn(Warning::Other { text });
         let generators = Generators::open(&self.models, &self.runtimes, say)?;
-        Ok(ReadyCanopy { request: self, generators, paint })
+        Ok(ReadyCanopy { request: self, generators, paint, stand })
     }
 }
 
@@ -182,11 +184,12 @@ impl ReadyCanopy<'_> {
     ) -> Result<LearnedCanopy, Error> {
         let scene = terrain.elevation_m.frame();
         let cells = CoarseCells::of(scene);
-        let elevation_m = cells.averaged(&terrain.elevation_m, reporter)?;
+        let elevation_m = cells.averaged(&terrain.elevation_m);
         let under_rivers = bare::under_rivers(discharge_m3_s, &cells);
-        let stand_m = match &self.request.stand_height {
-            StandHeight::About(m) => stand_height::around(*m, &cells, seed),
-            StandHeight::Raster(path) => paint::stand_heights(path, &cells, reporter)?,
+        let stand_m = match (&self.stand, &self.request.stand_height) {
+            (Some(stand), _) => stand.onto(&cells, scene, reporter)?,
+            (None, StandHeight::About(m)) => stand_height::around(*m, &cells, seed),
+            (None, StandHeight::Raster(_)) => unreachable!("a raster was read before"),
         };
         let ground = CoarseGround::new(cells, elevation_m, under_rivers, stand_m);
         let layout = TileLayout::default();

@@ -35,7 +35,7 @@ pub enum Error {
     #[error(transparent)]
     Shares(#[from] ShareError),
     #[error(transparent)]
-    Inference(#[from] InferenceError),
+    Inference(InferenceError),
     #[error("{what}")]
     Usage { what: String },
     #[error("{what}")]
@@ -47,6 +47,15 @@ pub enum Error {
 impl From<Cancelled> for Error {
     fn from(_: Cancelled) -> Self {
         Self::Cancelled
+    }
+}
+
+impl From<InferenceError> for Error {
+    fn from(error: InferenceError) -> Self {
+        match error {
+            InferenceError::Cancelled(_) => Self::Cancelled,
+            other => Self::Inference(other),
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use crate::io::{Limits, ParseError, raster_file};
 use crate::progress::{Reporter, Warning};
 use crate::raster::resample::{Kernel, Samples};
 use crate::raster::warp::{self, Source, Warped};
-use crate::raster::{Crs, Frame, Projector};
+use crate::raster::{Crs, Frame, Projector, SourceRaster};
 use crate::terrain::framing::{check_affine, target_of};
 
 /// The values of a raster file at the centres of the frame's cells.
@@ -22,7 +22,16 @@ pub(super) fn read_nearest(
     limits: &Limits,
     reporter: &Reporter,
 ) -> Result<Warped, Error> {
-    let raster = raster_file::read(path, None, limits)?;
+    nearest_of(path, &raster_file::read(path, None, limits)?, frame, reporter)
+}
+
+/// The same of a raster that was read before; `path` names it in errors.
+pub(super) fn nearest_of(
+    path: &Path,
+    raster: &SourceRaster,
+    frame: &Frame,
+    reporter: &Reporter,
+) -> Result<Warped, Error> {
     if let (None, Some(problem)) = (&raster.crs, &raster.crs_problem) {
         let hint = "write it in the scene's CRS (gdalwarp -t_srs EPSG:n -r near in.tif out.tif)";
         return Err(ParseError::new(problem.text.clone(), hint).at(path).into());

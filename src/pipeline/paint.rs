@@ -10,18 +10,31 @@ use crate::canopy::learned::sketch::{self, Density, Sketch};
 use crate::canopy::learned::stand_height;
 use crate::io::{self, Limits, ParseError, raster_file};
 use crate::progress::Reporter;
-use crate::raster::{Frame, Grid, Mask};
+use crate::raster::{Frame, Grid, Mask, SourceRaster};
 
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Wrong colours or codes that an error lists.
 const MOST_LISTED: usize = 6;
+/// Different wrong colours or codes that are counted; a photograph has millions.
+const MOST_COUNTED: usize = 1000;
 /// Pictures larger than this are no sketch, pixels a side.
 const MOST_PIXELS: u32 = 32_768;
 
 /// A painted file: a picture, stretched over the scene, or a raster, which knows its place.
 pub struct Paint {
     path: PathBuf,
-    picture: Option<Picture>,
+    content: Content,
+}
+
+enum Content {
+    Picture(Picture),
+    Raster(SourceRaster),
+}
+
+/// A raster of stand heights in m, as its file holds it.
+pub struct StandRaster {
+    path: PathBuf,
+    raster: SourceRaster,
 }
 
 struct Picture {
@@ -42,17 +55,18 @@ impl Paint {
         let is_png = std::io::Read::read_exact(&mut file, &mut start).is_ok() && start == PNG_MAGIC;
         if is_png {
             let bytes = std::fs::read(path).map_err(read_error)?;
-            return Ok(Self { path: path.to_owned(), picture: Some(picture(path, &bytes)?) });
+            let content = Content::Picture(picture(path, &bytes)?);
+            return Ok(Self { path: path.to_owned(), content });
         }
         let raster = raster_file::read(path, None, &Limits::default())?;
         let mut wrong = BTreeMap::new();
         for (code, _) in raster.values.iter().zip(&raster.valid).filter(|(_, valid)| **valid) {
-            if Density::from_code(*code).is_none() {
+            if Density::from_code(*code).is_none() && wrong.len() < MOST_COUNTED {
                 *wrong.entry(code.to_string()).or_insert(0_usize) += 1;
             }
         }
         refuse(path, "codes", &wrong, "0 (empty), 1 (sparse), 2 (dense)")?;
-        Ok(Self { path: path.to_owned(), picture: None })
+        Ok(Self { path: path.to_owned(), content: Content::Raster(raster) })
     }
 
     /// The paint on coarse cells: of a picture the pixel, of a raster the cell, that a coarse cell's centre lies in.
@@ -68,15 +82,19 @@ impl Paint {
     ) -> Result<Sketch, Error> {
         let frame = &cells.frame;
         let all = || std::sync::Arc::new(Mask::all_valid(frame.len()));
-        let Some(picture) = &self.picture else {
-            let codes = onto_scene::read_nearest(&self.path, frame, &Limits::default(), reporter)?;
-            if !codes.valid.contains(&true) {
-                let what = format!("{}: does not overlap the terrain", self.path.display());
-                return Err(Error::Usage { what });
+        let picture = match &self.content {
+            Content::Picture(picture) => picture,
+            Content::Raster(raster) => {
+                let mut codes = onto_scene::nearest_of(&self.path, raster, frame, reporter)?;
+                if !codes.valid.contains(&true) {
+                    let what = format!("{}: does not overlap the terrain", self.path.display());
+                    return Err(Error::Usage { what });
+                }
+                cells.fill_rim(scene, &mut codes.values, &mut codes.valid);
+                let density = |code: &f32| Density::from_code(*code).unwrap_or(Density::Empty);
+                let densities = codes.values.iter().map(density).collect();
+                return Ok(Grid::new(frame.clone(), all(), densities));
             }
-            let density = |code: &f32| Density::from_code(*code).unwrap_or(Density::Empty);
-            let densities = codes.values.iter().map(density).collect();
-            return Ok(Grid::new(frame.clone(), all(), densities));
         };
         let t = scene.transform;
         let share = |m: f64, cells: usize| m / (cells as f64 * t.cell_m);
@@ -112,7 +130,9 @@ fn picture(path: &Path, bytes: &[u8]) -> Result<Picture, Error> {
         .map(|pixel| {
             sketch::density_of_colour(pixel.0).unwrap_or_else(|| {
                 let [r, g, b, _] = pixel.0;
-                *wrong.entry(format!("#{r:02x}{g:02x}{b:02x}")).or_insert(0) += 1;
+                if wrong.len() < MOST_COUNTED {
+                    *wrong.entry(format!("#{r:02x}{g:02x}{b:02x}")).or_insert(0) += 1;
+                }
                 Density::Empty
             })
         })
@@ -137,7 +157,7 @@ fn refuse(
         return Ok(());
     }
     let mut listed: Vec<_> = wrong.iter().collect();
-    listed.sort_by_key(|(name, count)| (std::cmp::Reverse(**count), (*name).clone()));
+    listed.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
     let names: Vec<String> =
         listed.iter().take(MOST_LISTED).map(|(name, count)| format!("{name} ({count})")).collect();
     let more = listed.len().saturating_sub(MOST_LISTED);
@@ -150,22 +170,35 @@ fn refuse(
     Err(Error::Usage { what })
 }
 
-/// Stand heights of a raster (m) on coarse cells.
-///
-/// # Errors
-/// If it cannot be read or does not lie on the scene.
-pub fn stand_heights(
-    path: &Path,
-    cells: &CoarseCells,
-    reporter: &Reporter,
-) -> Result<Vec<f32>, Error> {
-    let drawn = onto_scene::read_nearest(path, &cells.frame, &Limits::default(), reporter)?;
-    if !drawn.valid.contains(&true) {
-        let what = format!("{}: does not overlap the terrain", path.display());
-        return Err(Error::Usage { what });
+impl StandRaster {
+    /// Reads a raster of stand heights.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let raster = raster_file::read(path, None, &Limits::default())?;
+        Ok(Self { path: path.to_owned(), raster })
     }
-    let mask = std::sync::Arc::new(Mask::new(drawn.valid));
-    Ok(stand_height::of_raster(&Grid::new(cells.frame.clone(), mask, drawn.values)))
+
+    /// Stand heights in m on coarse cells.
+    ///
+    /// # Errors
+    /// If the raster does not lie on the scene.
+    pub fn onto(
+        &self,
+        cells: &CoarseCells,
+        scene: &Frame,
+        reporter: &Reporter,
+    ) -> Result<Vec<f32>, Error> {
+        let mut drawn = onto_scene::nearest_of(&self.path, &self.raster, &cells.frame, reporter)?;
+        if !drawn.valid.contains(&true) {
+            let what = format!("{}: does not overlap the terrain", self.path.display());
+            return Err(Error::Usage { what });
+        }
+        cells.fill_rim(scene, &mut drawn.values, &mut drawn.valid);
+        let mask = std::sync::Arc::new(Mask::new(drawn.valid));
+        Ok(stand_height::of_raster(&Grid::new(cells.frame.clone(), mask, drawn.values)))
+    }
 }
 
 #[cfg(test)]
