@@ -114,20 +114,20 @@ impl CoarseCells {
         if cols > 1 {
             for row in 0..rows {
                 let first = row * cols;
-                if t.west_m + half_m < s.west_m {
+                if t.west_m + half_m <= s.west_m {
                     copy(first, first + 1);
                 }
-                if t.west_m + cols as f64 * t.cell_m - half_m > east_m {
+                if t.west_m + cols as f64 * t.cell_m - half_m >= east_m {
                     copy(first + cols - 1, first + cols - 2);
                 }
             }
         }
         if rows > 1 {
             for col in 0..cols {
-                if t.north_m - half_m > s.north_m {
+                if t.north_m - half_m >= s.north_m {
                     copy(col, cols + col);
                 }
-                if t.north_m - rows as f64 * t.cell_m + half_m < south_m {
+                if t.north_m - rows as f64 * t.cell_m + half_m <= south_m {
                     copy((rows - 1) * cols + col, (rows - 2) * cols + col);
                 }
             }
