@@ -18,6 +18,8 @@ use crate::terrain::Terrain;
 /// Version of the folder's layout; folders of another version are refused.
 pub const FORMAT: u32 = 1;
 const MANIFEST: &str = "scene.toml";
+/// Files that users edit and give back: a run that does not make them leaves them where they are.
+const EDITED: [&str; 2] = ["sketch.tif", "footprint.tif"];
 /// How `scene.toml` calls [`Crs::Local`].
 pub const LOCAL: &str = "local";
 const STAGING_PREFIX: &str = ".wildwood-partial-";
@@ -329,7 +331,7 @@ impl Transaction {
         if self.folder.is_dir() {
             self.replace_files()?;
             for file in former.iter().flat_map(Manifest::files) {
-                if manifest.files().all(|kept| kept != file) {
+                if manifest.files().all(|kept| kept != file) && !EDITED.contains(&file.as_str()) {
                     let _ = fs::remove_file(self.folder.join(file)); // gone already: so be it
                 }
             }
