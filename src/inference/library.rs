@@ -79,16 +79,19 @@ impl LibrarySearch {
 /// The library in a folder: the plain name, or the greatest that goes on with a version.
 fn library_in(folder: &Path) -> Option<PathBuf> {
     let entries = std::fs::read_dir(folder).ok()?;
-    let mut names: Vec<String> =
-        entries.flatten().filter_map(|entry| entry.file_name().into_string().ok()).collect();
-    names.sort_unstable();
-    let is_library = |name: &String| {
-        NAMES.iter().any(|plain| {
-            let rest = name.strip_prefix(plain);
-            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
-        }) || (name.starts_with("libonnxruntime.") && name.ends_with(".dylib"))
-    };
-    names.iter().rev().find(|name| is_library(name)).map(|name| folder.join(name))
+    let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
+    let found = names.filter_map(|name| Some((version_of(&name)?, name))).max()?;
+    Some(folder.join(found.1))
+}
+
+/// What a library's name says of its version, the plain name greatest; `None` for other files.
+fn version_of(name: &str) -> Option<Vec<u64>> {
+    if NAMES.contains(&name) {
+        return Some(vec![u64::MAX]);
+    }
+    let linux = name.strip_prefix("libonnxruntime.so.");
+    let mac = name.strip_prefix("libonnxruntime.").and_then(|rest| rest.strip_suffix(".dylib"));
+    linux.or(mac)?.split('.').map(|part| part.parse().ok()).collect()
 }
 
 /// `site-packages` folders of a Python environment.
@@ -131,5 +134,18 @@ mod tests {
             ..LibrarySearch::default()
         };
         assert_eq!(nowhere.find().unwrap_err(), ["here"]);
+    }
+
+    #[test]
+    fn versions_are_numbers_and_the_plain_name_comes_first() {
+        let home = tempfile::tempdir().unwrap();
+        let add = |name: &str| std::fs::write(home.path().join(name), b"").unwrap();
+        add("libonnxruntime.so.1.9.0");
+        add("libonnxruntime.so.1.31.1");
+        add("libonnxruntime.so.1.40.0.bak");
+        let found = || library_in(home.path()).unwrap();
+        assert_eq!(found(), home.path().join("libonnxruntime.so.1.31.1"));
+        add("libonnxruntime.so");
+        assert_eq!(found(), home.path().join("libonnxruntime.so"));
     }
 }
