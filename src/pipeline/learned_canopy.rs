@@ -54,12 +54,22 @@ pub struct LearnedRequest {
     pub runtimes: Runtimes,
 }
 
-/// Paint and networks, checked, before anything is written.
-pub struct ReadyCanopy<'a> {
-    request: &'a LearnedRequest,
+/// Paint and networks, read and checked before anything is written.
+pub struct ReadyCanopy {
     generators: Generators,
-    paint: Option<Paint>,
-    stand: Option<StandRaster>,
+    paint: ReadyPaint,
+    stand: ReadyStand,
+}
+
+enum ReadyPaint {
+    Sketch(Paint),
+    Density(Density),
+    Footprint(Paint),
+}
+
+enum ReadyStand {
+    About(f32),
+    Raster(Box<StandRaster>),
 }
 
 /// A generated canopy.
@@ -144,7 +154,7 @@ impl LearnedRequest {
     ///
     /// # Errors
     /// If something cannot be read or is out of range.
-    pub fn ready(&self, reporter: &Reporter) -> Result<ReadyCanopy<'_>, Error> {
+    pub fn ready(&self, reporter: &Reporter) -> Result<ReadyCanopy, Error> {
         if let StandHeight::About(m) = self.stand_height
             && !stand_height::RANGE_M.contains(&m)
         {
@@ -157,20 +167,21 @@ impl LearnedRequest {
             return Err(Error::Usage { what });
         }
         let paint = match &self.paint {
-            PaintSource::Sketch(path) | PaintSource::Footprint(path) => Some(Paint::read(path)?),
-            PaintSource::Density(_) => None,
+            PaintSource::Sketch(path) => ReadyPaint::Sketch(Paint::read(path)?),
+            PaintSource::Density(density) => ReadyPaint::Density(*density),
+            PaintSource::Footprint(path) => ReadyPaint::Footprint(Paint::read(path)?),
         };
         let stand = match &self.stand_height {
-            StandHeight::Raster(path) => Some(StandRaster::read(path)?),
-            StandHeight::About(_) => None,
+            StandHeight::About(m) => ReadyStand::About(*m),
+            StandHeight::Raster(path) => ReadyStand::Raster(Box::new(StandRaster::read(path)?)),
         };
         let say = |text: String| reporter.warn(Warning::Other { text });
         let generators = Generators::open(&self.models, &self.runtimes, say)?;
-        Ok(ReadyCanopy { request: self, generators, paint, stand })
+        Ok(ReadyCanopy { generators, paint, stand })
     }
 }
 
-impl ReadyCanopy<'_> {
+impl ReadyCanopy {
     /// Generates the canopy.
     ///
     /// # Errors
@@ -186,35 +197,25 @@ impl ReadyCanopy<'_> {
         let cells = CoarseCells::of(scene);
         let elevation_m = cells.averaged(&terrain.elevation_m);
         let under_rivers = bare::under_rivers(discharge_m3_s, &cells);
-        let stand_m = match (&self.stand, &self.request.stand_height) {
-            (Some(stand), _) => stand.onto(&cells, scene, reporter)?,
-            (None, StandHeight::About(m)) => stand_height::around(*m, &cells, seed),
-            (None, StandHeight::Raster(_)) => unreachable!("a raster was read before"),
+        let stand_m = match &self.stand {
+            ReadyStand::About(m) => stand_height::around(*m, &cells, seed),
+            ReadyStand::Raster(stand) => stand.onto(&cells, scene, reporter)?,
         };
         let ground = CoarseGround::new(cells, elevation_m, under_rivers, stand_m);
         let layout = TileLayout::default();
 
         // sketch, then footprint
-        let painted = match &self.paint {
-            Some(paint) => Some(paint.onto(&ground.cells, scene, reporter)?),
-            None => None,
+        let of_sketch = |sketch: Sketch| {
+            let footprint = self.generators.footprint(&ground, &sketch, seed, layout, reporter)?;
+            Ok::<_, Error>((Some(sketch), footprint))
         };
-        let (sketch, footprint) = match (&self.request.paint, painted) {
-            (PaintSource::Footprint(_), Some(painted)) => {
+        let (sketch, footprint) = match &self.paint {
+            ReadyPaint::Sketch(paint) => of_sketch(paint.onto(&ground.cells, scene, reporter)?)?,
+            ReadyPaint::Density(density) => of_sketch(generator::whole(&ground.cells, *density))?,
+            ReadyPaint::Footprint(paint) => {
+                let painted = paint.onto(&ground.cells, scene, reporter)?;
                 let canopy = painted.values().iter().map(|d| *d != Density::Empty).collect();
                 (None, ground.allowed(canopy))
-            }
-            (request, painted) => {
-                let sketch = match (request, painted) {
-                    (_, Some(sketch)) => sketch,
-                    (PaintSource::Density(density), None) => {
-                        generator::whole(&ground.cells, *density)
-                    }
-                    (_, None) => unreachable!("a sketch was read before"),
-                };
-                let footprint =
-                    self.generators.footprint(&ground, &sketch, seed, layout, reporter)?;
-                (Some(sketch), footprint)
             }
         };
 

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::coarse::CoarseCells;
+use super::detail::CANOPY_M;
 use crate::math;
 use crate::raster::Grid;
 use crate::rng::{self, Key, Process};
@@ -18,8 +19,6 @@ const TRAINED_M: [f32; 2] = [4.5, 24.0];
 const DEVIATION_FRACTION: f32 = 0.12;
 /// Wavelengths of that deviation, cells, and their parts of it.
 const WAVES: [(i64, f32); 2] = [(64, 0.8), (24, 0.6)];
-/// Heights above this are canopy, m.
-const CANOPY_M: f32 = super::detail::CANOPY_M;
 
 /// A smooth random field around a mean: stand height in m on coarse cells, as far as the range allows.
 pub fn around(mean_m: f32, cells: &CoarseCells, seed: u64) -> Vec<f32> {
