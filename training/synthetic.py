@@ -100,9 +100,7 @@ def plant(painted, quality, stand_m, rng):
     radius_m = np.clip(radius_per_height * stand_m, 1.2, 7.0)
     # of discs thrown at random, exp(−density·area) of the ground stays bare
     expected = -np.log1p(-np.clip(cover, 0, 0.985)) / (np.pi * radius_m**2) * CELL_M**2
-    rows, cols = np.nonzero(rng.random(painted.shape) < 0) if expected.max() == 0 else np.divmod(
-        np.repeat(np.arange(painted.size), rng.poisson(expected).ravel()), painted.shape[1]
-    )
+    rows, cols = np.divmod(np.repeat(np.arange(painted.size), rng.poisson(expected).ravel()), painted.shape[1])
     height = stand_m[rows, cols] * np.exp(rng.normal(-spread**2 / 2, spread, rows.size))
     radius = np.clip(radius_per_height * height, 0.9, 8.0) / (CELL_M / fine)
     row, col = (rows + rng.random(rows.size)) * fine, (cols + rng.random(rows.size)) * fine

@@ -46,7 +46,7 @@ BARS = [
 @pytest.mark.parametrize("figure, limits, missed", BARS, ids=[b[0] for b in BARS])
 def test_generated_canopies_are_like_real_ones(sites, site, figure, limits, missed, request):
     if site in missed:
-        request.applymarker(pytest.mark.xfail(reason="missed, see models/figures.md", raises=AssertionError, strict=False))
+        request.applymarker(pytest.mark.xfail(reason="missed, see models/figures.md", raises=AssertionError, strict=True))
     low, high = limits[site]
     assert low <= sites[site]["rows"][SHIPPED][figure]["mean"] <= high
 
