@@ -129,9 +129,10 @@ fn picture(path: &Path, bytes: &[u8]) -> Result<Picture, Error> {
         .pixels()
         .map(|pixel| {
             sketch::density_of_colour(pixel.0).unwrap_or_else(|| {
-                let [r, g, b, _] = pixel.0;
+                let [r, g, b, alpha] = pixel.0;
+                let alpha = if alpha < 255 { format!("{alpha:02x}") } else { String::new() };
                 if wrong.len() < MOST_COUNTED {
-                    *wrong.entry(format!("#{r:02x}{g:02x}{b:02x}")).or_insert(0) += 1;
+                    *wrong.entry(format!("#{r:02x}{g:02x}{b:02x}{alpha}")).or_insert(0) += 1;
                 }
                 Density::Empty
             })

@@ -55,15 +55,21 @@ pub const PALETTE: [(Density, [u8; 3]); 6] = [
 ];
 
 /// Colours differ from the palette's by at most this in each channel. chosen: programs that manage colours shift them by
-/// a few.
+/// a few. Black is black alone: a picture of the codes 0, 1, 2 is nearly black all over.
 const TOLERANCE: u8 = 12;
 
-/// The density painted by a colour; what is mostly transparent is empty. `None` for other colours.
+/// The density painted by a colour; what is transparent is empty. `None` for other colours and for thin paint.
 pub fn density_of_colour([red, green, blue, alpha]: [u8; 4]) -> Option<Density> {
-    if alpha < 128 {
+    if alpha <= TOLERANCE {
         return Some(Density::Empty);
     }
+    if alpha < u8::MAX - TOLERANCE {
+        return None;
+    }
     let near = |a: u8, b: u8| a.abs_diff(b) <= TOLERANCE;
+    if [red, green, blue].iter().all(|channel| near(*channel, 0)) {
+        return ([red, green, blue] == [0; 3]).then_some(Density::Empty);
+    }
     let found =
         PALETTE.iter().find(|(_, [r, g, b])| near(red, *r) && near(green, *g) && near(blue, *b));
     found.map(|(density, _)| *density)
@@ -77,9 +83,14 @@ mod tests {
     fn colours_near_the_palette_are_paint_and_others_are_not() {
         for (density, [r, g, b]) in PALETTE {
             assert_eq!(density_of_colour([r, g, b, 255]), Some(density));
-            let shifted = [r.saturating_sub(9), g.saturating_add(9), b, 255];
-            assert_eq!(density_of_colour(shifted), Some(density));
+            if g > 0 {
+                let shifted = [r.saturating_sub(9), g.saturating_add(9), b, 250];
+                assert_eq!(density_of_colour(shifted), Some(density));
+            }
         }
+        // codes, and paint that is half transparent
+        assert_eq!([1, 2].map(|v| density_of_colour([v, v, v, 255])), [None; 2]);
+        assert_eq!(density_of_colour([255, 255, 255, 100]), None);
         assert_eq!(density_of_colour([200, 30, 30, 255]), None);
         assert_eq!(density_of_colour([200, 30, 30, 0]), Some(Density::Empty));
     }
