@@ -76,6 +76,12 @@ pub fn uniforms(key: Key) -> [f32; 4] {
     words(key).map(unit_interval)
 }
 
+/// A uniform number of mean 0 and deviation 1: between −√3 and √3.
+pub fn centred_uniform(key: Key) -> f32 {
+    const ROOT_OF_3: f32 = 1.732_050_8;
+    (2.0 * uniforms(key)[0] - 1.0) * ROOT_OF_3
+}
+
 /// Maps a uniform word to 0..1; 24 bits, so that 1 is never reached.
 #[inline]
 pub fn unit_interval(word: u32) -> f32 {

@@ -201,7 +201,7 @@ pub fn whole(cells: &CoarseCells, density: Density) -> Sketch {
 fn noise(seed: u64, process: Process, south: i64, east: i64) -> f32 {
     let entity = rng::entity_of_cell(east, -south);
     let key = Key { seed, process, year: 0, month: 0, entity };
-    (2.0 * rng::uniforms(key)[0] - 1.0) * 1.732_050_8
+    rng::centred_uniform(key)
 }
 
 #[cfg(test)]

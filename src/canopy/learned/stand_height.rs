@@ -41,8 +41,7 @@ fn wave(east: i64, south: i64, cells: i64, octave: usize, seed: u64) -> f32 {
     let corner = |east: i64, south: i64| {
         let entity = rng::entity_of_cell(east, -south);
         let key = Key { seed, process: Process::StandHeight, year: 0, month: octave as u8, entity }; // 0 or 1
-        // uniform, deviation 1
-        (2.0 * rng::uniforms(key)[0] - 1.0) * 1.732
+        rng::centred_uniform(key)
     };
     let share = |at: i64| math::smoothstep(at.rem_euclid(cells) as f32 / cells as f32); // small
     let (col, row) = (east.div_euclid(cells), south.div_euclid(cells));
