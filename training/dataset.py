@@ -288,8 +288,8 @@ class Sample:
 class Sampler:
     """Draws squares from the training part of sites, each with another style of sketch and another sharpness of stand height."""
 
-    def __init__(self, sites, weights, size, seed, sketches_per_site=12):
-        self.sites, self.weights, self.size = sites, weights, size
+    def __init__(self, sites, weights, size, seed, sketches_per_site=12, plain_share=0.0):
+        self.sites, self.weights, self.size, self.plain_share = sites, weights, size, plain_share
         self.rng = np.random.default_rng(seed)
         style_rng = np.random.default_rng([seed, 1])
         self.sketches, self.stands, self.corners = [], [], []
@@ -311,7 +311,9 @@ class Sampler:
         site, rng, size = self.sites[index], self.rng, self.size
         row, col = self.corners[index][rng.integers(len(self.corners[index]))]
         cut = np.s_[row : row + size, col : col + size]
-        sketch, style = self.sketches[index][rng.integers(len(self.sketches[index]))]
+        # the first of the hands is the plain one, or somebody's own paint
+        hand = 0 if rng.random() < self.plain_share else rng.integers(len(self.sketches[index]))
+        sketch, style = self.sketches[index][hand]
         sketch = sketch[cut]
         stand = self.stands[index][rng.choice(3, p=[0.6, 0.2, 0.2])][cut]
         if rng.random() < 0.15:

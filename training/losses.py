@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import torch
 from torch.nn import functional
 
@@ -68,6 +69,27 @@ def variogram(height_m, target_m, window=24):
     return loss / 2.0
 
 
+class Sorted(torch.autograd.Function):
+    """Values in order along the last axis. numpy sorts several times faster than torch on a CPU."""
+
+    @staticmethod
+    def forward(context, values):
+        if not context.needs_input_grad[0] and values.device.type == "cpu":
+            return torch.from_numpy(np.sort(values.numpy(), axis=-1))
+        if values.device.type == "cpu":
+            order = torch.from_numpy(np.argsort(values.numpy(), axis=-1))
+            ordered = values.gather(-1, order)
+        else:
+            ordered, order = values.sort(dim=-1)
+        context.save_for_backward(order)
+        return ordered
+
+    @staticmethod
+    def backward(context, grad):
+        (order,) = context.saved_tensors
+        return torch.empty_like(grad).scatter_(-1, order, grad)
+
+
 class SlicedWasserstein:
     """Distance between the squares of two pictures as sets, whatever their order: by sorted responses to random filters.
 
@@ -77,9 +99,9 @@ class SlicedWasserstein:
 
     SQUARES = ((3, 1), (5, 1), (3, 2), (3, 4))
 
-    def __init__(self, seed, filters=12, places=1536):
+    def __init__(self, seed, filters=12, every=5):
         self.generator = torch.Generator().manual_seed(seed)
-        self.filters, self.places = filters, places
+        self.filters, self.every = filters, every
 
     def __call__(self, encoded, target):
         loss = 0.0
@@ -90,10 +112,15 @@ class SlicedWasserstein:
             kernels[self.filters // 4 :] -= kernels[self.filters // 4 :].mean((2, 3), keepdim=True)
             kernels = kernels / kernels.flatten(1).norm(dim=1)[:, None, None, None]
             responses = functional.conv2d(both, kernels.to(both), dilation=dilation).flatten(2)
-            keep = torch.randperm(responses.shape[2], generator=self.generator)[: self.places].to(both.device)
-            made, real = responses[:, :, keep].sort(dim=2).values.chunk(2)
-            loss = loss + (made - real).abs().mean()
+            first = int(torch.randint(self.every, (1,), generator=self.generator))
+            made, real = responses[:, :, first :: self.every].chunk(2)
+            loss = loss + (Sorted.apply(made) - Sorted.apply(real.detach())).abs().mean()
         return loss / len(self.SQUARES)
+
+
+def levels(height_m, target_m):
+    """Distance between the heights of each sample and its target as sets, in units of 10 m: the earth mover's."""
+    return (Sorted.apply(height_m.flatten(1)) - Sorted.apply(target_m.flatten(1))).abs().mean() / 10.0
 
 
 def adversarial(logits_of_made):

@@ -28,6 +28,7 @@ class UNet(nn.Module):
 
     def __init__(self, channels, features=24):
         super().__init__()
+        self.bfloat16 = False
         widths = [features, 2 * features, 3 * features, 3 * features]
         self.down = nn.ModuleList()
         inward = channels + 1
@@ -44,6 +45,11 @@ class UNet(nn.Module):
         self.last = nn.Conv2d(features, 1, 3, 1, 1)
 
     def forward(self, x, noise):
+        with torch.autocast(x.device.type, torch.bfloat16, enabled=self.bfloat16):
+            x = self.features(x, noise)
+        return self.last(x.float())
+
+    def features(self, x, noise):
         skips, noises = [x], [noise]
         for layer in self.down:
             x = functional.leaky_relu(unit_features(layer(torch.cat([x, noise], 1))), 0.2)
@@ -56,7 +62,7 @@ class UNet(nn.Module):
             x = functional.interpolate(x, scale_factor=2, mode="nearest")
             x = torch.cat([x, skips[level]] + ([noises[0]] if level == 0 else []), 1)
             x = functional.leaky_relu(unit_features(layer(x)), 0.2)
-        return self.last(x)
+        return x
 
 
 class FootprintGenerator(nn.Module):
@@ -110,23 +116,33 @@ GENERATORS = {"footprint": FootprintGenerator, "height": HeightGenerator}
 
 
 class Critic(nn.Module):
-    """PatchGAN that looks at squares of about 26 cells, or, after averaging, 104."""
+    """PatchGAN that looks at squares of about 25 cells, or, after averaging, 100.
+
+    The first layer keeps every cell: critics that halve at once stay blind to the texture for thousands of steps.
+    """
 
     def __init__(self, channels, features=32, averaged=1):
         super().__init__()
         self.averaged = averaged
+        self.bfloat16 = False
         self.layers = nn.Sequential(
-            nn.Conv2d(channels, features, 4, 2, 1),
+            nn.Conv2d(channels, features // 2, 3, 1, 1),
             nn.LeakyReLU(0.2),
-            nn.Conv2d(features, 2 * features, 4, 2, 1),
+            nn.Conv2d(features // 2, 3 * features // 2, 4, 2, 1),
             nn.LeakyReLU(0.2),
-            nn.Conv2d(2 * features, 3 * features, 3, 1, 1),
+            nn.Conv2d(3 * features // 2, 2 * features, 3, 1, 1),
+            nn.LeakyReLU(0.2),
+            nn.Conv2d(2 * features, 3 * features, 4, 2, 1),
             nn.LeakyReLU(0.2),
             nn.Conv2d(3 * features, 1, 3, 1, 1),
         )
+        for layer in self.layers[::2]:
+            nn.init.kaiming_normal_(layer.weight, a=0.2)
+            nn.init.zeros_(layer.bias)
 
     def forward(self, x):
-        return self.layers(functional.avg_pool2d(x, self.averaged) if self.averaged > 1 else x)
+        with torch.autocast(x.device.type, torch.bfloat16, enabled=self.bfloat16):
+            return self.layers(functional.avg_pool2d(x, self.averaged) if self.averaged > 1 else x).float()
 
 
 class Critics(nn.Module):

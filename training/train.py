@@ -28,26 +28,30 @@ class Config:
     stage: str = "footprint"
     pairs: str = "pairs.csv"
     seed: int = 1
-    steps: int = 16000
+    steps: int = 9000
     batch: int = 4
     crop: int = 96
     features: int = 24
     critic_features: int = 32
     learning_rate: float = 2e-4
+    critic_learning_rate: float = 5e-4
     synthetic_sites: int = 60
     synthetic_share_at_first: float = 0.75
     synthetic_share_later: float = 0.0
     pretraining_fraction: float = 0.12
-    weight_adversarial: float = 1.0
+    weight_adversarial: float = 1.5
     weight_l1: float = 0.5
-    weight_sketch: float = 1.0
+    weight_sketch: float = 4.0
     weight_blocks: float = 0.3
     weight_variogram: float = 0.5
     weight_texture: float = 8.0
+    weight_levels: float = 1.0
     weight_planted: float = 1.0
     weight_edges: float = 4.0
-    gradient_penalty: float = 0.0001
+    gradient_penalty: float = 3e-6
     gradient_penalty_every: int = 8
+    plain_share: float = 0.3
+    precision: str = "f32"
     average_decay: float = 0.998
     begin_with: str = ""
 
@@ -72,7 +76,7 @@ class Batches:
     def __init__(self, config, device):
         self.config, self.device = config, device
         sites, weights = read_pairs(config.pairs)
-        self.real = Sampler(sites, weights, config.crop, [config.seed, 10])
+        self.real = Sampler(sites, weights, config.crop, [config.seed, 10], plain_share=config.plain_share)
         planted = synthetic.sites(config.synthetic_sites, size=max(192, config.crop), first_seed=1000 * config.seed) if config.synthetic_sites else []
         self.planted = Sampler(planted, np.full(len(planted), 1 / len(planted)), config.crop, [config.seed, 11], sketches_per_site=1) if planted else None
         self.rng = np.random.default_rng([config.seed, 12])
@@ -121,8 +125,13 @@ class Training:
         self.generator = GENERATORS[config.stage](config.features).to(device)
         self.average = copy.deepcopy(self.generator).requires_grad_(False)
         self.critics = Critics(self.generator.CONDITIONS, config.critic_features).to(device)
+        if config.precision not in ("f32", "bf16"):
+            raise SystemExit(f"--precision {config.precision}: f32 or bf16")
+        for net in (self.generator.net, *self.critics.critics):
+            net.bfloat16 = config.precision == "bf16"
         options = dict(lr=config.learning_rate, betas=(0.5, 0.99), fused=True)
         self.generator_optimiser = torch.optim.Adam(self.generator.parameters(), **options)
+        options["lr"] = config.critic_learning_rate
         self.critic_optimiser = torch.optim.Adam(self.critics.parameters(), **options)
         self.texture = losses.SlicedWasserstein(config.seed)
         self.batches = Batches(config, device)
@@ -165,9 +174,9 @@ class Training:
         pretraining = self.step < config.pretraining_fraction * config.steps
         # the rate falls to a tenth over the last third
         done = self.step / config.steps
-        rate = config.learning_rate * (1.0 if done < 2 / 3 else 0.1 ** (3 * done - 2))
-        for optimiser in (self.generator_optimiser, self.critic_optimiser):
-            optimiser.param_groups[0]["lr"] = rate
+        slower = 1.0 if done < 2 / 3 else 0.1 ** (3 * done - 2)
+        self.generator_optimiser.param_groups[0]["lr"] = config.learning_rate * slower
+        self.critic_optimiser.param_groups[0]["lr"] = config.critic_learning_rate * slower
         share = config.synthetic_share_at_first if pretraining else config.synthetic_share_later
         conditions, target_m, limits = self.batches.pairs(share)
         target = 2.0 * torch.sqrt(target_m.clamp(0, MAX_HEIGHT_M) / MAX_HEIGHT_M) - 1.0
@@ -190,8 +199,10 @@ class Training:
         found["texture"] = self.texture(made, target)
         found["variogram"] = losses.variogram(made_m, target_m)
         found["blocks"] = losses.block_means(made_m, target_m)
+        found["levels"] = losses.levels(made_m, target_m)
         total = config.weight_adversarial * found["adversarial"] + config.weight_l1 * found["l1"]
-        total = total + config.weight_texture * found["texture"] + config.weight_variogram * found["variogram"] + config.weight_blocks * found["blocks"]
+        total = total + config.weight_texture * found["texture"] + config.weight_variogram * found["variogram"]
+        total = total + config.weight_blocks * found["blocks"] + config.weight_levels * found["levels"]
         if config.stage == "footprint":
             found["edges"] = self.texture(losses.soft_footprint(made_m), losses.soft_footprint(target_m))
             total = total + config.weight_edges * found["edges"]
@@ -296,7 +307,7 @@ def main():
     out.mkdir(parents=True, exist_ok=True)
     training = Training(config, args.device)
     checkpoint, log_path = out / "checkpoint.pt", out / "losses.csv"
-    names = ["step", "seconds", "adversarial", "critics", "l1", "texture", "edges", "variogram", "blocks", "sketch", "paint", "planted"]
+    names = ["step", "seconds", "adversarial", "critics", "l1", "texture", "edges", "levels", "variogram", "blocks", "sketch", "paint", "planted"]
     seconds_before = 0.0
     if checkpoint.exists():
         state = torch.load(checkpoint, map_location=args.device, weights_only=False)
