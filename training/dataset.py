@@ -80,6 +80,25 @@ def stand_height_m(chm_m, valid, radius=STAND_RADIUS_CELLS):
     return (total / weight).astype(np.float32)
 
 
+STAND_LEAST_POWER = 0.16
+STAND_BOX_CELLS = 8
+"""Radius of the box whose three passes come near the blur that a stand's height is taken over."""
+
+
+def at_stand_height(height_m, canopy, stand_m):
+    """Canopy heights brought to the stand heights that were asked for, in metres.
+
+    Networks know few open stands that are tall. What lies above 3 m is scaled, place by place, until its mean is the one
+    that was asked for. Where that makes canopy taller, cells draw nearer to the mean, those above it more.
+    """
+    above = np.where(canopy, np.maximum(height_m - CANOPY_M, 1e-3), 0.0)
+    wanted = np.maximum(stand_m - CANOPY_M, 1e-3)
+    mean = np.maximum(box_blur(above, canopy, STAND_BOX_CELLS), 1e-3)
+    ratio, power = above / mean, np.clip(mean / wanted, STAND_LEAST_POWER, 1.0)
+    shape = np.where(canopy, ratio ** np.where(ratio > 1.0, power**1.5, np.sqrt(power)), 0.0)
+    return np.where(canopy, CANOPY_M + wanted * shape / np.maximum(box_blur(shape, canopy, STAND_BOX_CELLS), 1e-3), height_m)
+
+
 # Sketches.
 
 

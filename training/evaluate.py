@@ -16,7 +16,7 @@ from scipy import ndimage
 
 import measures
 import synthetic
-from dataset import CANOPY_M, EMPTY, SKETCH_CLASSES, brush_sketch, derive_sketch, encode_height, one_hot, read_pair, read_pairs
+from dataset import CANOPY_M, EMPTY, SKETCH_CLASSES, at_stand_height, brush_sketch, derive_sketch, encode_height, one_hot, read_pair, read_pairs
 from networks import GENERATORS, HALO, STRIDE, decode_height
 from quilting import Quilter
 
@@ -124,7 +124,8 @@ class Chain:
 
     def heights(self, footprint, terrain, stand_m, seed):
         """Height by the second network, metres, from a footprint."""
-        return self.height_net(np.concatenate([footprint[None].astype(np.float32), terrain, encode_height(stand_m)[None]]), [seed, 2])
+        made_m = self.height_net(np.concatenate([footprint[None].astype(np.float32), terrain, encode_height(stand_m)[None]]), [seed, 2])
+        return at_stand_height(made_m, footprint, stand_m)
 
 
 def may_grow(sketch):

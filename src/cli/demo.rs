@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Outcome, Shared, grow, import};
+use super::{DEFAULT_SEED, Outcome, Shared, grow, import};
 use crate::pipeline::demo;
 use crate::pipeline::import::DEFAULT_BIOME;
 use crate::progress::Reporter;
@@ -26,8 +26,12 @@ pub struct DemoArguments {
 
 pub fn run(arguments: &DemoArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
     let size = usize::from(arguments.size);
-    let params =
-        GenerateParams { rows: size, cols: size, seed: shared.seed, ..GenerateParams::default() };
+    let params = GenerateParams {
+        rows: size,
+        cols: size,
+        seed: shared.seed.unwrap_or(DEFAULT_SEED),
+        ..GenerateParams::default()
+    };
     let manifest = demo::run(arguments.output.clone(), &arguments.biome, &params, reporter)?;
     import::report(&arguments.output, &manifest, shared);
     grow::report_trees(&manifest, shared);

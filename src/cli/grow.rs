@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::import::{self, TerrainArguments, Unit};
-use super::{Outcome, Shared, terminal};
+use super::{DEFAULT_SEED, Outcome, Shared, terminal};
 use crate::canopy::learned::sketch::Density;
 use crate::gpu::GpuChoice;
 use crate::inference::{LibrarySearch, ModelSource, RuntimeChoice, Runtimes};
@@ -38,8 +38,9 @@ pub struct GrowArguments {
     /// Canopy's footprint in place of a sketch, such as a scene's footprint.tif edited: 1 (white) canopy, 0 (black) open.
     #[arg(long, value_name = "PNG|RASTER", conflicts_with_all = ["chm", "sketch", "density"])]
     footprint: Option<PathBuf>,
-    /// Mean height of the canopy's stands in metres, or a raster of it [default: 16].
-    #[arg(long, value_name = "METRES|RASTER")]
+    /// Mean height of the canopy's stands in metres, or a raster of it [default: what the scene's sketch was last grown
+    /// with, else 16].
+    #[arg(long, value_name = "METRES|RASTER", allow_hyphen_values = true)]
     stand_height: Option<String>,
     /// Program that runs the networks: auto takes ONNX Runtime where its library is found, else the built-in one.
     #[arg(long, value_name = "auto|rten|ort", default_value_t)]
@@ -112,16 +113,22 @@ fn learned(arguments: &GrowArguments) -> Result<Option<LearnedRequest>, Error> {
             return Ok(None);
         }
     };
-    let stand_height = match &arguments.stand_height {
-        None => StandHeight::default(),
-        Some(text) => match text.parse() {
-            Ok(m) => StandHeight::About(m),
-            Err(_) => StandHeight::Raster(PathBuf::from(text)),
-        },
-    };
+    let stand_height = arguments.stand_height.as_deref().map(stand_height).transpose()?;
     let models = arguments.models.clone().map_or(ModelSource::BuiltIn, ModelSource::Folder);
     let runtimes = runtimes(arguments.onnx, arguments.ort_lib.clone());
     Ok(Some(LearnedRequest { paint, stand_height, models, runtimes }))
+}
+
+/// Metres, or a raster of them.
+fn stand_height(text: &str) -> Result<StandHeight, Error> {
+    if let Ok(m) = text.parse() {
+        return Ok(StandHeight::About(m));
+    }
+    if Path::new(text).exists() {
+        return Ok(StandHeight::Raster(PathBuf::from(text)));
+    }
+    let what = format!("--stand-height {text}: neither a number of metres nor a file that exists");
+    Err(Error::Usage { what })
 }
 
 /// The choice of program on this machine.
@@ -154,7 +161,7 @@ pub fn run(arguments: &GrowArguments, shared: &Shared, reporter: &Reporter) -> O
 }
 
 /// The ground to grow on, and the scene folder.
-fn ground(arguments: &GrowArguments, seed: u64) -> Result<(GroundSource, PathBuf), Error> {
+fn ground(arguments: &GrowArguments, seed: Option<u64>) -> Result<(GroundSource, PathBuf), Error> {
     let usage = |what: String| Err(Error::Usage { what });
     let given = &arguments.inputs[0];
     if !given.is_dir() {
@@ -164,7 +171,12 @@ fn ground(arguments: &GrowArguments, seed: u64) -> Result<(GroundSource, PathBuf
             }
             return usage("name the scene folder to make with -o FOLDER".to_owned());
         };
-        let import = import::request(&arguments.inputs, output, &arguments.terrain, seed)?;
+        let import = import::request(
+            &arguments.inputs,
+            output,
+            &arguments.terrain,
+            seed.unwrap_or(DEFAULT_SEED),
+        )?;
         return Ok((GroundSource::Files(Box::new(import)), output.clone()));
     }
     if arguments.inputs.len() > 1 {
@@ -183,7 +195,7 @@ fn ground(arguments: &GrowArguments, seed: u64) -> Result<(GroundSource, PathBuf
             "{given} has its terrain and climate already; options of those need the terrain files (wildwood grow DEM --chm CHM …)"
         ));
     }
-    Ok((GroundSource::Scene(given.clone()), given.clone()))
+    Ok((GroundSource::Scene { folder: given.clone(), seed }, given.clone()))
 }
 
 fn is_same(a: &Path, b: &Path) -> bool {

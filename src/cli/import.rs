@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::{Outcome, Shared, terminal};
+use super::{DEFAULT_SEED, Outcome, Shared, terminal};
 use crate::pipeline::Error;
 use crate::pipeline::import::{self, ImportRequest};
 use crate::progress::Reporter;
@@ -133,7 +133,12 @@ enum ResamplingArgument {
 
 pub fn run(arguments: &ImportArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
     let manifest = import::run(
-        &request(&arguments.inputs, &arguments.output, &arguments.terrain, shared.seed)?,
+        &request(
+            &arguments.inputs,
+            &arguments.output,
+            &arguments.terrain,
+            shared.seed.unwrap_or(DEFAULT_SEED),
+        )?,
         reporter,
     )?;
     report(&arguments.output, &manifest, shared);

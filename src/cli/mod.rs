@@ -42,10 +42,13 @@ struct Shared {
     /// Threads to work with; results never depend on it [default: all cores].
     #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Seed of everything random: same seed, same bits.
-    #[arg(long, global = true, default_value_t = 1)]
-    seed: u64,
+    /// Seed of everything random: same seed, same bits [default: 1; a scene folder that is grown keeps its own].
+    #[arg(long, global = true)]
+    seed: Option<u64>,
 }
+
+/// Seed where none is given.
+const DEFAULT_SEED: u64 = 1;
 
 #[derive(Subcommand)]
 enum Command {
@@ -53,7 +56,7 @@ enum Command {
     Demo(demo::DemoArguments),
     /// Turn terrain rasters or point clouds into a scene: terrain and abiotic maps.
     Import(import::ImportArguments),
-    /// Grow canopy trees on terrain, from a measured canopy height model or a point cloud.
+    /// Grow canopy trees on terrain: from a sketch by trained networks, a measured canopy height model or a point cloud.
     Grow(Box<grow::GrowArguments>),
     /// Run standard workloads, one JSON line each.
     Bench(bench::BenchArguments),

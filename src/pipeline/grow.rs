@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::import::{self, ImportRequest};
-use super::learned_canopy::{LearnedCanopy, LearnedRequest};
+use super::learned_canopy::{self, LearnedCanopy, LearnedRequest};
 use super::measured_canopy::MeasuredCanopy;
 use super::scene_files::{StageFiles, mean};
 use super::{Error, brush, exclusion};
@@ -47,7 +47,12 @@ pub enum GroundSource {
     /// Terrain files, imported into the scene where they are not yet.
     Files(Box<ImportRequest>),
     /// A scene folder that has terrain and abiotic maps.
-    Scene(PathBuf),
+    Scene {
+        /// Where it is.
+        folder: PathBuf,
+        /// The seed it gets; none leaves it its own.
+        seed: Option<u64>,
+    },
 }
 
 /// How canopy trees are grown.
@@ -152,13 +157,13 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
             refuse_two_canopies(request, import)?;
             import.folder.clone()
         }
-        GroundSource::Scene(folder) => folder.clone(),
+        GroundSource::Scene { folder, .. } => folder.clone(),
     };
     let existing = Manifest::read(&folder)?;
     let biome = Biome::builtin(match (&request.ground, &existing) {
         (GroundSource::Files(import), _) => &import.biome,
-        (GroundSource::Scene(_), Some(manifest)) => &manifest.scene.biome,
-        (GroundSource::Scene(_), None) => return Err(no_scene(&folder)),
+        (GroundSource::Scene { .. }, Some(manifest)) => &manifest.scene.biome,
+        (GroundSource::Scene { .. }, None) => return Err(no_scene(&folder)),
     })?;
     let shares = match &request.canopy.shares {
         Some(text) => Shares::parse(text, &biome)?,
@@ -174,7 +179,9 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     let inputs = import::hash_inputs(&[given, beside].concat())?;
     let read = |path: &PathBuf| MeasuredCanopy::read(path, request.chm_unit, reporter);
     let measured = request.chm.as_ref().map(read).transpose()?;
-    let learned = request.learned.as_ref().map(|learned| learned.ready(reporter)).transpose()?;
+    let kept_stand = existing.as_ref().and_then(|manifest| manifest.stages.get(STAGE));
+    let asked = (request.learned.clone()).map(|learned| learned.with_stand_of(kept_stand));
+    let learned = asked.as_ref().map(|learned| learned.ready(reporter)).transpose()?;
     if let GroundSource::Files(import) = &request.ground {
         let has_cloud = import.inputs.iter().any(|path| import::is_cloud(path));
         let had_canopy = existing.as_ref().is_some_and(has_canopy);
@@ -187,7 +194,11 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     }
     let mut manifest = match &request.ground {
         GroundSource::Files(import) => import::run(import, reporter)?,
-        GroundSource::Scene(_) => existing.ok_or_else(|| no_scene(&folder))?,
+        GroundSource::Scene { seed, .. } => {
+            let mut manifest = existing.ok_or_else(|| no_scene(&folder))?;
+            manifest.scene.seed = seed.unwrap_or(manifest.scene.seed);
+            manifest
+        }
     };
 
     // what the trees depend on
@@ -205,7 +216,7 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     };
     let key = import::key(&[
         STAGE,
-        &format!("{own_hash:?} {:?}", request.learned.as_ref().map(LearnedRequest::key)),
+        &format!("{own_hash:?} {:?}", asked.as_ref().map(LearnedRequest::key)),
         &of_stage("terrain")?,
         &of_stage("abiotics")?,
         &format!("{biome:?} {} {inputs:?} {:?}", manifest.scene.seed, request.chm_unit),
@@ -267,7 +278,7 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     };
     let grown = grow(&input, shares, manifest.scene.seed, canopy, reporter)?;
     let mut transaction = Transaction::begin(&folder)?;
-    let parameters = parameters(request)?;
+    let parameters = parameters(request, asked.as_ref())?;
     let entry = write(
         &input,
         &grown,
@@ -520,7 +531,10 @@ pub(super) fn write(
     Ok(files.into_entry(key, parameters, figures(input, grown)))
 }
 
-fn parameters(request: &GrowRequest) -> Result<toml::Table, Error> {
+fn parameters(
+    request: &GrowRequest,
+    learned: Option<&LearnedRequest>,
+) -> Result<toml::Table, Error> {
     let canopy = &request.canopy;
     let mut parameters = import::parameters(&canopy.placement)?;
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -528,8 +542,8 @@ fn parameters(request: &GrowRequest) -> Result<toml::Table, Error> {
     if let Some(chm) = &request.chm {
         add("chm", name(chm).into());
     }
-    if let Some(learned) = &request.learned {
-        add("learned", learned.parameters().into());
+    if let Some(learned) = learned {
+        add(learned_canopy::LEARNED, learned.parameters().into());
     }
     if let Some(shares) = &canopy.shares {
         add("shares", shares.clone().into());

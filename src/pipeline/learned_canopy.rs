@@ -13,6 +13,7 @@ use crate::canopy::learned::stand_height;
 use crate::inference::{ModelSource, Runtimes, TileLayout};
 use crate::progress::{Reporter, Warning};
 use crate::raster::Grid;
+use crate::scene::StageEntry;
 use crate::terrain::Terrain;
 
 /// What is painted.
@@ -35,19 +36,13 @@ pub enum StandHeight {
     Raster(PathBuf),
 }
 
-impl Default for StandHeight {
-    fn default() -> Self {
-        Self::About(stand_height::DEFAULT_M)
-    }
-}
-
 /// A canopy to generate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LearnedRequest {
     /// Where.
     pub paint: PaintSource,
-    /// How tall.
-    pub stand_height: StandHeight,
+    /// How tall; none is what the scene's last learned canopy was asked for in metres, else the default.
+    pub stand_height: Option<StandHeight>,
     /// By which networks.
     pub models: ModelSource,
     /// Run by which program.
@@ -82,15 +77,32 @@ pub struct LearnedCanopy {
     stand_height_mean_m: f64,
 }
 
+/// Name of the canopy's parameters in `scene.toml`.
+pub(super) const LEARNED: &str = "learned";
+/// Name of the stand height among them.
+const STAND_HEIGHT_M: &str = "stand_height_m";
+
 impl LearnedRequest {
+    /// The same request, its stand height that of the scene's canopy where none is asked for.
+    pub fn with_stand_of(self, canopy: Option<&StageEntry>) -> Self {
+        let kept = canopy
+            .and_then(|canopy| canopy.parameters.get(LEARNED)?.get(STAND_HEIGHT_M)?.as_float())
+            .map(|m| StandHeight::About(m as f32)); // was one
+        Self { stand_height: self.stand_height.or(kept), ..self }
+    }
+
+    fn stand_height(&self) -> StandHeight {
+        self.stand_height.clone().unwrap_or(StandHeight::About(stand_height::DEFAULT_M))
+    }
+
     /// The files that are read.
     pub fn files(&self) -> Vec<PathBuf> {
         let paint = match &self.paint {
             PaintSource::Sketch(path) | PaintSource::Footprint(path) => Some(path.clone()),
             PaintSource::Density(_) => None,
         };
-        let stand = match &self.stand_height {
-            StandHeight::Raster(path) => Some(path.clone()),
+        let stand = match self.stand_height() {
+            StandHeight::Raster(path) => Some(path),
             StandHeight::About(_) => None,
         };
         let models = match &self.models {
@@ -112,7 +124,7 @@ impl LearnedRequest {
             PaintSource::Footprint(_) => "footprint".to_owned(),
             PaintSource::Density(density) => density.name().to_owned(),
         };
-        let stand = match &self.stand_height {
+        let stand = match self.stand_height() {
             StandHeight::About(m) => format!("{m}"),
             StandHeight::Raster(_) => "raster".to_owned(),
         };
@@ -141,11 +153,9 @@ impl LearnedRequest {
                 table.insert("density".to_owned(), density.name().into())
             }
         };
-        match &self.stand_height {
-            StandHeight::About(m) => {
-                table.insert("stand_height_m".to_owned(), f64::from(*m).into())
-            }
-            StandHeight::Raster(path) => table.insert("stand_height".to_owned(), name(path)),
+        match self.stand_height() {
+            StandHeight::About(m) => table.insert(STAND_HEIGHT_M.to_owned(), f64::from(m).into()),
+            StandHeight::Raster(path) => table.insert("stand_height".to_owned(), name(&path)),
         };
         table
     }
@@ -155,7 +165,8 @@ impl LearnedRequest {
     /// # Errors
     /// If something cannot be read or is out of range.
     pub fn ready(&self, reporter: &Reporter) -> Result<ReadyCanopy, Error> {
-        if let StandHeight::About(m) = self.stand_height
+        let stand_height = self.stand_height();
+        if let StandHeight::About(m) = stand_height
             && !stand_height::RANGE_M.contains(&m)
         {
             let range = stand_height::RANGE_M;
@@ -171,9 +182,9 @@ impl LearnedRequest {
             PaintSource::Density(density) => ReadyPaint::Density(*density),
             PaintSource::Footprint(path) => ReadyPaint::Footprint(Paint::read(path)?),
         };
-        let stand = match &self.stand_height {
-            StandHeight::About(m) => ReadyStand::About(*m),
-            StandHeight::Raster(path) => ReadyStand::Raster(Box::new(StandRaster::read(path)?)),
+        let stand = match stand_height {
+            StandHeight::About(m) => ReadyStand::About(m),
+            StandHeight::Raster(path) => ReadyStand::Raster(Box::new(StandRaster::read(&path)?)),
         };
         let say = |text: String| reporter.warn(Warning::Other { text });
         let generators = Generators::open(&self.models, &self.runtimes, say)?;

@@ -13,6 +13,7 @@ use crate::progress::Reporter;
 use crate::raster::{Frame, Grid, Mask, SourceRaster};
 
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
+const JPEG_MAGIC: &[u8] = b"\xff\xd8\xff";
 /// Wrong colours or codes that an error lists.
 const MOST_LISTED: usize = 6;
 /// Different wrong colours or codes that are counted; a photograph has millions.
@@ -58,6 +59,13 @@ impl Paint {
             let content = Content::Picture(picture(path, &bytes)?);
             return Ok(Self { path: path.to_owned(), content });
         }
+        if start.starts_with(JPEG_MAGIC) {
+            let what = format!(
+                "{}: a JPEG picture, which blurs paint at its edges; save it as PNG",
+                path.display()
+            );
+            return Err(Error::Usage { what });
+        }
         let raster = raster_file::read(path, None, &Limits::default())?;
         let mut wrong = BTreeMap::new();
         for (code, _) in raster.values.iter().zip(&raster.valid).filter(|(_, valid)| **valid) {
@@ -65,7 +73,8 @@ impl Paint {
                 *wrong.entry(code.to_string()).or_insert(0_usize) += 1;
             }
         }
-        refuse(path, "codes", &wrong, "0 (empty), 1 (sparse), 2 (dense)")?;
+        let known = "0 (empty), 1 (sparse), 2 (dense) in one band (colours belong in a PNG)";
+        refuse(path, "codes", &wrong, known)?;
         Ok(Self { path: path.to_owned(), content: Content::Raster(raster) })
     }
 

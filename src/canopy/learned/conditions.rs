@@ -39,18 +39,10 @@ impl TerrainChannels {
             |i: usize| if land[i] { f64::from(elevation_m.values()[i] - base) } else { 0.0 };
         let heights: Vec<f64> = (0..rows * cols).map(height).collect();
         let weights: Vec<f64> = land.iter().map(|land| f64::from(u8::from(*land))).collect();
-        let (mut sums, mut shares) = (heights.clone(), weights);
-        for _ in 0..3 {
-            sums = box_sums(&sums, rows, cols, RELIEF_RADIUS_CELLS);
-            shares = box_sums(&shares, rows, cols, RELIEF_RADIUS_CELLS);
-        }
+        let means = box_mean(&heights, &weights, cols, RELIEF_RADIUS_CELLS);
         let compressed = |value: f64| asinh(value) as f32; // a few units
         let relief = |i: usize| {
-            if land[i] {
-                compressed((heights[i] - sums[i] / shares[i].max(1e-12)) / RELIEF_M)
-            } else {
-                0.0
-            }
+            if land[i] { compressed((heights[i] - means[i]) / RELIEF_M) } else { 0.0 }
         };
         // central differences; rim cells take their inner neighbours'
         let run_m = 2.0 * elevation_m.frame().transform.cell_m;
@@ -97,6 +89,17 @@ pub fn encoded_height(height_m: f32) -> f32 {
 /// Inverse hyperbolic sine.
 fn asinh(x: f64) -> f64 {
     math::ln_f64(x.abs() + (x * x + 1.0).sqrt()).copysign(x)
+}
+
+/// Means over three passes of a box of `2 radius + 1` cells a side, of what has weight; values without weight are 0.
+pub(super) fn box_mean(values: &[f64], weights: &[f64], cols: usize, radius: usize) -> Vec<f64> {
+    let rows = values.len() / cols.max(1);
+    let three_passes = |values: &[f64]| {
+        let once = box_sums(values, rows, cols, radius);
+        box_sums(&box_sums(&once, rows, cols, radius), rows, cols, radius)
+    };
+    let (sums, shares) = (three_passes(values), three_passes(weights));
+    sums.iter().zip(shares).map(|(sum, share)| sum / share.max(1e-12)).collect()
 }
 
 /// Sums over boxes of `2 radius + 1` cells a side, cut at the map's rim.

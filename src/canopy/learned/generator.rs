@@ -115,17 +115,18 @@ impl Generators {
         let maps = ground.planes(&[&mask]);
         let noise = |south, east| noise(seed, Process::HeightNoise, south, east);
         let mut height_m = self.height.run(&maps, noise, layout, "canopy height", reporter)?;
-        let cells = height_m.iter_mut().zip(footprint.values()).zip(&ground.stand_m);
-        for (index, ((height_m, canopy), stand_m)) in cells.enumerate() {
+        for (index, (height_m, canopy)) in height_m.iter_mut().zip(footprint.values()).enumerate() {
             *height_m = if !ground.elevation_m.mask().is_valid(index) {
                 0.0
             } else if *canopy {
                 // the footprint decides, whatever the last bits of the network say
-                stand_height::stretched_m(height_m.max(CANOPY_M.next_up()), *stand_m)
+                height_m.max(CANOPY_M.next_up())
             } else {
                 height_m.clamp(0.0, CANOPY_M)
             };
         }
+        let cols = footprint.frame().cols;
+        stand_height::follow(&mut height_m, footprint.values(), &ground.stand_m, cols);
         Ok(ground.elevation_m.with_values(height_m))
     }
 }

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::coarse::CoarseCells;
+use super::conditions::box_mean;
 use super::detail::CANOPY_M;
 use crate::math;
 use crate::raster::Grid;
@@ -12,11 +13,18 @@ use crate::rng::{self, Key, Process};
 pub const DEFAULT_M: f32 = 16.0;
 /// Stand heights that can be asked for, m. chosen: above tall shrubs, below the tallest stands known.
 pub const RANGE_M: std::ops::RangeInclusive<f32> = 3.5..=100.0;
-/// Stand heights that networks are asked for, m: those of their training. Others are theirs, stretched.
+/// Stand heights that networks are asked for, m: those of their training; `follow` brings what they give to others.
 const TRAINED_M: [f32; 2] = [4.5, 24.0];
 /// Deviation of stand heights from place to place, as a share. chosen: 0.14 and 0.16 at the two sites of training, a
 /// little less because low stands are open ones too.
 const DEVIATION_FRACTION: f32 = 0.12;
+/// Radius of the box, cells, whose three passes come near the blur over which training takes stand heights.
+const BOX_RADIUS_CELLS: usize = 8;
+/// Least height above 3 m that canopy counts with, m.
+const LEAST_ABOVE_M: f64 = 1e-3;
+/// Least power that heights are raised to where canopy is made taller. Chosen: that of canopies of a sixth of what was
+/// asked.
+const LEAST_POWER: f64 = 0.16;
 /// Wavelengths of that deviation, cells, and their parts of it.
 const WAVES: [(i64, f32); 2] = [(64, 0.8), (24, 0.6)];
 
@@ -57,15 +65,40 @@ pub fn trained_m(stand_m: f32) -> f32 {
     stand_m.clamp(TRAINED_M[0], TRAINED_M[1])
 }
 
-/// A network's canopy height where `stand_m` was wanted: stretched above 3 m as far as the stand lies beyond training.
-pub fn stretched_m(height_m: f32, stand_m: f32) -> f32 {
-    let asked_m = trained_m(stand_m);
-    if height_m <= CANOPY_M || asked_m == stand_m {
-        return height_m;
+/// Brings canopy heights in m to the stand heights that were asked for. Twin of `at_stand_height` in training/dataset.py.
+///
+/// Networks know few open stands that are tall, and none beyond their training. What lies above 3 m is scaled, place by
+/// place, until its mean is the one asked for. Where that makes canopy taller, cells draw nearer to the mean, those above
+/// it more: as from the savanna to the closed forest of the training.
+///
+/// # Panics
+/// If the maps are not of one size.
+pub fn follow(height_m: &mut [f32], canopy: &[bool], stand_m: &[f32], cols: usize) {
+    assert!(height_m.len() == canopy.len() && canopy.len() == stand_m.len(), "maps differ in size");
+    let weights: Vec<f64> = canopy.iter().map(|canopy| f64::from(u8::from(*canopy))).collect();
+    let above = |(height_m, canopy): (&f32, &bool)| {
+        if *canopy { f64::from(height_m - CANOPY_M).max(LEAST_ABOVE_M) } else { 0.0 }
+    };
+    let above_m: Vec<f64> = height_m.iter().zip(canopy).map(above).collect();
+    let around_m = box_mean(&above_m, &weights, cols, BOX_RADIUS_CELLS);
+    let wanted_m = |index: usize| f64::from(stand_m[index] - CANOPY_M).max(LEAST_ABOVE_M);
+    let shape = |index: usize| {
+        if !canopy[index] {
+            return 0.0;
+        }
+        let mean_m = around_m[index].max(LEAST_ABOVE_M);
+        let (ratio, power) =
+            (above_m[index] / mean_m, (mean_m / wanted_m(index)).clamp(LEAST_POWER, 1.0));
+        math::powf_f64(ratio, if ratio > 1.0 { power * power.sqrt() } else { power.sqrt() })
+    };
+    let shapes: Vec<f64> = (0..canopy.len()).into_par_iter().map(shape).collect();
+    let around = box_mean(&shapes, &weights, cols, BOX_RADIUS_CELLS);
+    let cells = height_m.iter_mut().zip(canopy).enumerate().filter(|(_, (_, canopy))| **canopy);
+    for (index, (height_m, _)) in cells {
+        let above_m = wanted_m(index) * shapes[index] / around[index].max(LEAST_ABOVE_M);
+        // canopy stays canopy; heights are some dozens of metres
+        *height_m = (CANOPY_M + above_m as f32).max(CANOPY_M.next_up());
     }
-    // canopy stays canopy
-    let above_m = (height_m - CANOPY_M) * (stand_m - CANOPY_M) / (asked_m - CANOPY_M);
-    (CANOPY_M + above_m).max(CANOPY_M.next_up())
 }
 
 /// Stand heights of a raster brought into the range that can be asked for; the default where it has none.
@@ -103,10 +136,19 @@ mod tests {
     }
 
     #[test]
-    fn tall_stands_are_stretched_and_canopy_stays_canopy() {
-        assert_eq!(stretched_m(20.0, 16.0), 20.0);
-        assert!((stretched_m(24.0, 45.0) - 45.0).abs() < 1e-4);
-        assert_eq!(stretched_m(2.0, 45.0), 2.0);
-        assert!(stretched_m(3.0001, 3.5) > 3.0);
+    fn stands_are_as_tall_as_asked_and_canopy_stays_canopy() {
+        let canopy: Vec<bool> = (0..3600).map(|i| i % 3 == 0).collect();
+        let draw = |i: usize| if i % 3 == 0 { 3.1 + (i * 7 % 31) as f32 * 0.4 } else { 1.0 };
+        let drawn: Vec<f32> = (0..3600).map(draw).collect();
+        for wanted_m in [4.0, 9.0, 20.0, 45.0] {
+            let mut heights_m = drawn.clone();
+            follow(&mut heights_m, &canopy, &[wanted_m; 3600], 60);
+            let of_canopy = heights_m.iter().zip(&canopy).filter(|(_, c)| **c).map(|(h, _)| *h);
+            let mean_m = of_canopy.clone().sum::<f32>() / 1200.0;
+            assert!((mean_m / wanted_m - 1.0).abs() < 0.03, "{mean_m} for {wanted_m}");
+            assert!(of_canopy.clone().all(|h| h > CANOPY_M));
+            assert!(of_canopy.fold(0.0, f32::max) < 2.2 * wanted_m);
+            assert!(heights_m.iter().zip(&canopy).all(|(h, canopy)| *canopy || *h == 1.0));
+        }
     }
 }
