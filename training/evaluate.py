@@ -95,7 +95,7 @@ class Network:
 
             def metres(conditions, noise):
                 with torch.no_grad():
-                    return decode_height(generator(torch.from_numpy(conditions)[None], torch.from_numpy(noise)[None]))[0, 0].numpy()
+                    return decode_height(generator(torch.from_numpy(conditions)[None], torch.from_numpy(noise)[None], HALO))[0, 0].numpy()
 
             self.metres = metres
 
@@ -106,7 +106,7 @@ class Network:
         padded = np.ascontiguousarray(np.pad(conditions, pad, mode="edge"), np.float32)
         rng = np.random.default_rng(seed)
         noise = rng.uniform(-(3**0.5), 3**0.5, (1, *padded.shape[1:])).astype(np.float32)
-        return self.metres(padded, noise)[HALO : HALO + rows, HALO : HALO + cols].astype(np.float64)
+        return self.metres(padded, noise)[:rows, :cols].astype(np.float64)
 
 
 @dataclasses.dataclass

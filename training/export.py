@@ -16,7 +16,7 @@ import torch
 from torch import nn
 
 import dataset
-from networks import GENERATORS, HALO, STRIDE, decode_height, receptive_field
+from networks import GENERATORS, HALO, STRIDE, cut, decode_height, receptive_field
 
 OPSET = 17
 
@@ -40,20 +40,20 @@ CHANNELS = {
 }
 
 OUTPUT = {
-    "footprint": "height in metres; cells above 3 m are the footprint",
-    "height": "canopy height in metres, above 3 m in the footprint and below outside",
+    "footprint": "height in metres inside the halo; cells above 3 m are the footprint",
+    "height": "canopy height in metres inside the halo, above 3 m in the footprint and below outside",
 }
 
 
 class Exported(nn.Module):
-    """A generator with metres as output."""
+    """A generator with metres as output, for the map inside the halo."""
 
     def __init__(self, generator):
         super().__init__()
         self.generator = generator
 
     def forward(self, conditions, noise):
-        return decode_height(self.generator(conditions, noise))
+        return decode_height(self.generator(conditions, noise, HALO))
 
 
 def load(path):
@@ -68,8 +68,8 @@ def load(path):
 def write_onnx(generator, path):
     """The network as ONNX with free height and width; fails where onnxruntime disagrees with torch."""
     model = Exported(generator)
-    example = (torch.rand(1, generator.CONDITIONS, 96, 112), torch.rand(1, 1, 96, 112))
-    free = {2: "rows", 3: "cols"}
+    example = (torch.rand(1, generator.CONDITIONS, 192, 208), torch.rand(1, 1, 192, 208))
+    free, inside = {2: "rows", 3: "cols"}, {2: "rows_inside", 3: "cols_inside"}
     torch.onnx.export(
         model,
         example,
@@ -78,13 +78,13 @@ def write_onnx(generator, path):
         opset_version=OPSET,
         input_names=["conditions", "noise"],
         output_names=["height_m"],
-        dynamic_axes={"conditions": free, "noise": free, "height_m": free},
+        dynamic_axes={"conditions": free, "noise": free, "height_m": inside},
     )
     onnx.checker.check_model(str(path))
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    conditions, noise = torch.rand(1, generator.CONDITIONS, 160, 128), torch.rand(1, 1, 160, 128)
+    conditions, noise = torch.rand(1, generator.CONDITIONS, 256, 224), torch.rand(1, 1, 256, 224)
     with torch.no_grad():
-        expected = model(conditions, noise).numpy()
+        expected = cut(decode_height(generator(conditions, noise)), HALO).numpy()
     got = session.run(None, {"conditions": conditions.numpy(), "noise": noise.numpy()})[0]
     worst = float(np.abs(got - expected).max())
     if worst > 1e-3:
@@ -100,7 +100,7 @@ def write_card(stage, state, onnx_path, figures, card_path):
         raise SystemExit(f"{stage}: inputs reach {reach} cells, more than the halo of {HALO}")
     lines = [
         f"# Card of {onnx_path.name}, written by training/export.py.",
-        "format = 1",
+        "format = 2",
         f"name = {text(stage)}",
         f"file = {text(onnx_path.name)}",
         f"sha256 = {text(hashlib.sha256(onnx_path.read_bytes()).hexdigest())}",

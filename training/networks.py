@@ -13,6 +13,16 @@ STRIDE = 2**DEPTH
 HALO = 48
 """Cells beside a map that can change a cell of it; `receptive_field` measures 46, export checks it."""
 
+MARGINS = (4, 8, 16, 32)
+"""Cells beside a map that each level of the decoder, the finest first, is worked out on where a halo is left out: what the
+next finer level needs, and a ring that the convolution's border spoils."""
+
+
+def cut(x, cells):
+    """A map without so many cells at each side."""
+    return x[:, :, cells:-cells, cells:-cells] if cells else x
+
+
 
 def unit_features(x):
     """Each cell's features brought to unit mean square: no statistics of the map enter, so tiles know nothing of each other."""
@@ -44,12 +54,13 @@ class UNet(nn.Module):
             inward = width
         self.last = nn.Conv2d(features, 1, 3, 1, 1)
 
-    def forward(self, x, noise):
+    def forward(self, x, noise, halo=0):
+        """One channel: (batch, 1, rows, cols), without the halo where there is one, 0 or HALO."""
         with torch.autocast(x.device.type, torch.bfloat16, enabled=self.bfloat16):
-            x = self.features(x, noise)
-        return self.last(x.float())
+            x = self.features(x, noise, halo)
+        return cut(self.last(x.float()), MARGINS[0] if halo else 0)
 
-    def features(self, x, noise):
+    def features(self, x, noise, halo):
         skips, noises = [x], [noise]
         for layer in self.down:
             x = functional.leaky_relu(unit_features(layer(torch.cat([x, noise], 1))), 0.2)
@@ -59,8 +70,14 @@ class UNet(nn.Module):
         x = torch.cat([x, noise], 1)
         for i, layer in enumerate(self.up):
             level = DEPTH - 1 - i
+            skip = [skips[level]] + ([noises[0]] if level == 0 else [])
+            if halo:
+                # finer levels see less far: they are worked out where they count
+                margin, before = MARGINS[level], MARGINS[level + 1] if level + 1 < DEPTH else halo
+                x = cut(x, (before - margin) // 2 ** (level + 1))
+                skip = [cut(s, (halo - margin) // 2**level) for s in skip]
             x = functional.interpolate(x, scale_factor=2, mode="nearest")
-            x = torch.cat([x, skips[level]] + ([noises[0]] if level == 0 else []), 1)
+            x = torch.cat([x, *skip], 1)
             x = functional.leaky_relu(unit_features(layer(x)), 0.2)
         return x
 
@@ -78,9 +95,9 @@ class FootprintGenerator(nn.Module):
         super().__init__()
         self.net = UNet(self.CONDITIONS, features)
 
-    def forward(self, conditions, noise):
-        """Encoded height, −1 to 1: (batch, 1, rows, cols)."""
-        return kept_empty(torch.tanh(self.net(conditions, noise)), conditions[:, :1])
+    def forward(self, conditions, noise, halo=0):
+        """Encoded height, −1 to 1: (batch, 1, rows, cols), without the halo."""
+        return kept_empty(torch.tanh(self.net(conditions, noise, halo)), conditions[:, :1], halo)
 
 
 class HeightGenerator(nn.Module):
@@ -92,18 +109,18 @@ class HeightGenerator(nn.Module):
         super().__init__()
         self.net = UNet(self.CONDITIONS, features)
 
-    def forward(self, conditions, noise):
-        """Encoded height, −1 to 1: (batch, 1, rows, cols)."""
-        x = self.net(conditions, noise)
+    def forward(self, conditions, noise, halo=0):
+        """Encoded height, −1 to 1: (batch, 1, rows, cols), without the halo."""
+        x = self.net(conditions, noise, halo)
         # the slope is that of the encoding from the threshold up, so that low canopy is learnt as well as high
         inside = ENCODED_CANOPY + 0.002 + functional.softplus(20.0 * x) / 20.0
         outside = -1.0 + (ENCODED_CANOPY + 0.998) * torch.sigmoid(4.0 * x)
-        return torch.where(conditions[:, :1] > 0.5, inside.clamp(max=1.0), outside)
+        return torch.where(cut(conditions[:, :1], halo) > 0.5, inside.clamp(max=1.0), outside)
 
 
-def kept_empty(encoded, painted_empty):
+def kept_empty(encoded, painted_empty, halo=0):
     """Encoded heights without canopy where painted empty, but for a fringe of one cell beside other paint."""
-    may_grow = functional.max_pool2d(1.0 - painted_empty, 3, 1, 1)
+    may_grow = cut(functional.max_pool2d(1.0 - painted_empty, 3, 1, 1), halo)
     return torch.where(may_grow > 0.5, encoded, encoded.clamp(max=ENCODED_CANOPY - 0.02))
 
 

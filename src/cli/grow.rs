@@ -42,9 +42,10 @@ pub struct GrowArguments {
     /// with, else 16].
     #[arg(long, value_name = "METRES|RASTER", allow_hyphen_values = true)]
     stand_height: Option<String>,
-    /// Program that runs the networks: auto takes ONNX Runtime where its library is found, else the built-in one.
-    #[arg(long, value_name = "auto|rten|ort", default_value_t)]
-    onnx: RuntimeChoice,
+    /// Program that runs the networks: auto takes ONNX Runtime where its library is found, else the built-in one
+    /// [default: auto].
+    #[arg(long, value_name = "auto|rten|ort")]
+    onnx: Option<RuntimeChoice>,
     /// ONNX Runtime's library.
     #[arg(long, value_name = "FILE")]
     ort_lib: Option<PathBuf>,
@@ -101,6 +102,7 @@ fn learned(arguments: &GrowArguments) -> Result<Option<LearnedRequest>, Error> {
         (None, None, None) => {
             let given = [
                 ("--stand-height", arguments.stand_height.is_some()),
+                ("--onnx", arguments.onnx.is_some()),
                 ("--ort-lib", arguments.ort_lib.is_some()),
                 ("--models", arguments.models.is_some()),
             ];
@@ -115,7 +117,7 @@ fn learned(arguments: &GrowArguments) -> Result<Option<LearnedRequest>, Error> {
     };
     let stand_height = arguments.stand_height.as_deref().map(stand_height).transpose()?;
     let models = arguments.models.clone().map_or(ModelSource::BuiltIn, ModelSource::Folder);
-    let runtimes = runtimes(arguments.onnx, arguments.ort_lib.clone());
+    let runtimes = runtimes(arguments.onnx.unwrap_or_default(), arguments.ort_lib.clone());
     Ok(Some(LearnedRequest { paint, stand_height, models, runtimes }))
 }
 

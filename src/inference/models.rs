@@ -76,7 +76,7 @@ impl Model {
                 (text.into(), bytes.into(), card.display().to_string(), onnx.display().to_string())
             }
         };
-        let card = Card::parse(&text, &card_place, channels)?;
+        let card = Card::parse(&text, &card_place, name, channels)?;
         let found = hexadecimal(&Sha256::digest(&bytes));
         if found != card.sha256 {
             return Err(InferenceError::Altered { place, expected: card.sha256, found });

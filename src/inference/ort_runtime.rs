@@ -83,7 +83,8 @@ impl Runtime for OrtRuntime {
     }
 
     fn run(&self, tile: Tile) -> Result<Vec<f32>, InferenceError> {
-        let Tile { channels, rows, cols, conditions, noise } = tile;
+        let [rows_inside, cols_inside] = tile.inside();
+        let Tile { channels, rows, cols, conditions, noise, .. } = tile;
         let problem = |e: &dyn std::fmt::Display| InferenceError::Run {
             runtime: NAME.to_owned(),
             rows,
@@ -101,7 +102,7 @@ impl Runtime for OrtRuntime {
         let output =
             outputs.get("height_m").ok_or_else(|| problem(&"it has no output height_m"))?;
         let (shape, height_m) = output.try_extract_tensor::<f32>().map_err(|e| problem(&e))?;
-        if height_m.len() != rows * cols {
+        if height_m.len() != rows_inside * cols_inside {
             return Err(problem(&format!("its output has the shape {shape:?}")));
         }
         let height_m = height_m.to_vec();

@@ -41,7 +41,8 @@ impl Runtime for RtenRuntime {
     }
 
     fn run(&self, tile: Tile) -> Result<Vec<f32>, InferenceError> {
-        let Tile { channels, rows, cols, conditions, noise } = tile;
+        let [rows_inside, cols_inside] = tile.inside();
+        let Tile { channels, rows, cols, conditions, noise, .. } = tile;
         let problem =
             |problem: String| InferenceError::Run { runtime: NAME.to_owned(), rows, cols, problem };
         let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
@@ -56,7 +57,7 @@ impl Runtime for RtenRuntime {
         let [height_m] = outputs.map_err(|e| problem(e.to_string()))?;
         let height_m: NdTensor<f32, 4> =
             height_m.try_into().map_err(|_| problem("its output is no map".to_owned()))?;
-        if height_m.shape() != [1, 1, rows, cols] {
+        if height_m.shape() != [1, 1, rows_inside, cols_inside] {
             return Err(problem(format!("its output has the shape {:?}", height_m.shape())));
         }
         Ok(height_m.to_vec())

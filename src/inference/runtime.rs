@@ -19,6 +19,15 @@ pub struct Tile {
     pub conditions: Vec<f32>,
     /// `rows` × `cols` values.
     pub noise: Vec<f32>,
+    /// Cells at each side that the network only looks at.
+    pub halo: usize,
+}
+
+impl Tile {
+    /// Rows and columns inside the halo, which the network gives values for.
+    pub fn inside(&self) -> [usize; 2] {
+        [self.rows, self.cols].map(|cells| cells.saturating_sub(2 * self.halo))
+    }
 }
 
 /// A program that runs one network, on many threads at once. Its result depends on the tile alone.
@@ -26,7 +35,7 @@ pub trait Runtime: Send + Sync {
     /// Name, as the scene records it: two runtimes differ in the last bits.
     fn name(&self) -> &str;
 
-    /// What the network gives for a tile: `rows` × `cols` values.
+    /// What the network gives for a tile: values inside its halo, row-major.
     ///
     /// # Errors
     /// If the program fails.

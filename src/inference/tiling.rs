@@ -1,8 +1,8 @@
 //! Maps of any size through a network, by overlapping tiles.
 //!
 //! A network sees no farther than its card's halo, and treats all cells alike that lie alike on its stride. Each tile is
-//! therefore handed over with a halo, begun at a multiple of the stride **on the map**, and only its core is kept: what a
-//! cell gets depends neither on the layout of tiles nor on the window that is looked at.
+//! therefore handed over with a halo, begun at a multiple of the stride **on the map**; the network works out what lies
+//! inside. What a cell gets depends neither on the layout of tiles nor on the window that is looked at.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -138,11 +138,16 @@ impl Network {
             drawn.extend((0..cols as i64).map(|col| noise(south, first_east + col)));
         }
         let channels = maps.planes.len();
-        let values = self.runtime.run(Tile { channels, rows, cols, conditions, noise: drawn })?;
+        let halo = self.card.halo_cells;
+        let tile = Tile { channels, rows, cols, conditions, noise: drawn, halo };
+        let [_, cols_inside] = tile.inside();
+        let values = self.runtime.run(tile)?;
 
         // the core lies within
-        let (down, right) = ((core.row as i64 - top) as usize, (core.col as i64 - left) as usize);
-        let lines = (down..down + core.rows).map(|row| &values[row * cols + right..][..core.cols]);
+        let inside = |core: usize, first: i64| (core as i64 - first) as usize - halo;
+        let (down, right) = (inside(core.row, top), inside(core.col, left));
+        let lines =
+            (down..down + core.rows).map(|row| &values[row * cols_inside + right..][..core.cols]);
         Ok(lines.flatten().copied().collect())
     }
 }
@@ -261,7 +266,7 @@ mod tests {
         }
     }
 
-    /// Gives back its first channel.
+    /// Gives back its first channel inside the halo.
     struct Echo;
 
     impl Runtime for Echo {
@@ -271,7 +276,9 @@ mod tests {
 
         fn run(&self, tile: Tile) -> Result<Vec<f32>, InferenceError> {
             assert!(tile.rows.is_multiple_of(16) && tile.cols.is_multiple_of(16));
-            Ok(tile.conditions[..tile.rows * tile.cols].to_vec())
+            let [rows, cols] = tile.inside();
+            let line = |row| &tile.conditions[(row + tile.halo) * tile.cols + tile.halo..][..cols];
+            Ok((0..rows).flat_map(line).copied().collect())
         }
     }
 
@@ -280,6 +287,7 @@ mod tests {
         let card = Card::parse(
             include_str!("../../models/height.toml"),
             "card",
+            "height",
             &["footprint", "relief", "gradient_east", "gradient_north", "stand_height"],
         );
         let network = Network { card: card.unwrap(), runtime: Box::new(Echo) };

@@ -12,11 +12,14 @@ pub const CLIFF_SLOPE: f32 = 1.192;
 /// from the 5–8 m that streams of that size have.
 const RIVER_WIDTH_M: f32 = 6.0;
 
-/// Coarse cells that rivers of these discharges (m³/s) take up at least half of.
+/// Coarse cells that rivers of these discharges (m³/s) take up at least half of; on a wider scene cell, as much of it as
+/// makes rivers of them.
 pub fn under_rivers(discharge_m3_s: &Grid<f32>, cells: &CoarseCells) -> Vec<bool> {
     let (frame, coarse) = (discharge_m3_s.frame(), &cells.frame);
     let (from, to) = (frame.transform, coarse.transform);
     let mut bare = vec![false; coarse.len()];
+    // channels of wide cells touch those of the next ones, also of diagonal ones
+    let joined_m = if from.cell_m > to.cell_m { from.cell_m * f64::sqrt(0.5) } else { 0.0 };
     let width_m = |discharge: f32| RIVER_WIDTH_M * discharge.max(0.0).sqrt();
     for (index, discharge) in discharge_m3_s.values().iter().enumerate() {
         let width_m = width_m(*discharge);
@@ -28,7 +31,7 @@ pub fn under_rivers(discharge_m3_s: &Grid<f32>, cells: &CoarseCells) -> Vec<bool
         let (east, south) =
             ((at.east_m - to.west_m) / to.cell_m, (to.north_m - at.north_m) / to.cell_m);
         // coarse cells whose centres lie within the river's half width, and the one that the channel is in
-        let reach = f64::from(width_m) / 2.0 / to.cell_m;
+        let reach = (f64::from(width_m) / 2.0).max(joined_m) / to.cell_m;
         let span = |at: f64, count: usize| {
             // `as` cuts negatives to 0
             let first = (at - reach).floor() as usize;
@@ -54,6 +57,16 @@ mod tests {
         let cells = CoarseCells::of(river.frame());
         let bare = under_rivers(&river, &cells);
         bare[5 * 50..6 * 50].iter().filter(|bare| **bare).count()
+    }
+
+    #[test]
+    fn rivers_of_wide_cells_are_not_dotted() {
+        let river = Grid::from_fn(30, 30, 10.0, |c| if c.row == c.col { 2.0 } else { 0.0 });
+        let cells = CoarseCells::of(river.frame());
+        let bare = under_rivers(&river, &cells);
+        let rows = bare.chunks_exact(cells.frame.cols);
+        let counts: Vec<usize> = rows.map(|row| row.iter().filter(|bare| **bare).count()).collect();
+        assert!(counts.iter().all(|count| (1..=5).contains(count)), "{counts:?}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! # Reference
 //! Kapp et al. 2020, section 4: (H, P) → F → C.
 
+use std::cell::Cell;
 use std::sync::Arc;
 
 use super::bare::CLIFF_SLOPE;
@@ -62,10 +63,16 @@ impl Generators {
     ) -> Result<Self, InferenceError> {
         let footprint = Model::load(source, "footprint", &FOOTPRINT_CHANNELS)?;
         let height = Model::load(source, "height", &HEIGHT_CHANNELS)?;
+        // a library that cannot be used fails for both
+        let told = Cell::new(false);
+        let tell = |text| {
+            if !told.replace(true) {
+                tell(text);
+            }
+        };
         Ok(Self {
-            footprint: runtimes.open(&footprint, &tell)?,
-            // it has been told
-            height: runtimes.open(&height, |_| ())?,
+            footprint: runtimes.open(&footprint, tell)?,
+            height: runtimes.open(&height, tell)?,
         })
     }
 
@@ -210,7 +217,7 @@ mod tests {
     use super::*;
     use crate::inference::RuntimeChoice;
     use crate::math;
-    use crate::raster::Cell;
+    use crate::raster;
 
     fn generators() -> Generators {
         let runtimes = Runtimes { choice: RuntimeChoice::Rten, ..Runtimes::default() };
@@ -235,7 +242,8 @@ mod tests {
 
     fn cover(footprint: &Grid<bool>, cols: std::ops::Range<usize>) -> f64 {
         let frame = footprint.frame();
-        let cells = (0..frame.rows).flat_map(|row| cols.clone().map(move |col| Cell { row, col }));
+        let cells =
+            (0..frame.rows).flat_map(|row| cols.clone().map(move |col| raster::Cell { row, col }));
         let (canopy, all) =
             cells.fold((0, 0), |(canopy, all), c| (canopy + usize::from(footprint[c]), all + 1));
         canopy as f64 / f64::from(all)

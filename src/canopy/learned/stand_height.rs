@@ -137,8 +137,9 @@ mod tests {
 
     #[test]
     fn stands_are_as_tall_as_asked_and_canopy_stays_canopy() {
-        let canopy: Vec<bool> = (0..3600).map(|i| i % 3 == 0).collect();
-        let draw = |i: usize| if i % 3 == 0 { 3.1 + (i * 7 % 31) as f32 * 0.4 } else { 1.0 };
+        let canopy: Vec<bool> = (0..3600_usize).map(|i| i.is_multiple_of(3)).collect();
+        let draw =
+            |i: usize| if i.is_multiple_of(3) { 3.1 + (i * 7 % 31) as f32 * 0.4 } else { 1.0 };
         let drawn: Vec<f32> = (0..3600).map(draw).collect();
         for wanted_m in [4.0, 9.0, 20.0, 45.0] {
             let mut heights_m = drawn.clone();
