@@ -16,7 +16,7 @@ from scipy import ndimage
 
 import measures
 import synthetic
-from dataset import CANOPY_M, EMPTY, SKETCH_CLASSES, at_stand_height, brush_sketch, derive_sketch, encode_height, one_hot, read_pair, read_pairs
+from dataset import CANOPY_M, EMPTY, SKETCH_CLASSES, TRAINED_M, at_stand_height, brush_sketch, derive_sketch, encode_height, one_hot, read_pair, read_pairs
 from networks import GENERATORS, HALO, STRIDE, decode_height
 from quilting import Quilter
 
@@ -106,7 +106,10 @@ class Network:
         padded = np.ascontiguousarray(np.pad(conditions, pad, mode="edge"), np.float32)
         rng = np.random.default_rng(seed)
         noise = rng.uniform(-(3**0.5), 3**0.5, (1, *padded.shape[1:])).astype(np.float32)
-        return self.metres(padded, noise)[:rows, :cols].astype(np.float64)
+        made_m = self.metres(padded, noise)
+        if made_m.shape != tuple(n - 2 * HALO for n in padded.shape[1:]):
+            raise SystemExit(f"{self.path}: does not leave its halo out: export it anew")
+        return made_m[:rows, :cols].astype(np.float64)
 
 
 @dataclasses.dataclass
@@ -118,13 +121,14 @@ class Chain:
 
     def canopy(self, sketch, terrain, stand_m, seed):
         """Height by the first network alone, metres, nothing on empty ground; and the share of its canopy that the rule took."""
-        made_m = self.footprint_net(np.concatenate([one_hot(sketch), terrain, encode_height(stand_m)[None]]), [seed, 1])
+        made_m = self.footprint_net(np.concatenate([one_hot(sketch), terrain, encode_height(np.clip(stand_m, *TRAINED_M))[None]]), [seed, 1])
         out = (made_m > CANOPY_M) & ~may_grow(sketch)
         return np.where(out, 0.0, made_m), float(out.sum() / max((made_m > CANOPY_M).sum(), 1))
 
     def heights(self, footprint, terrain, stand_m, seed):
         """Height by the second network, metres, from a footprint."""
-        made_m = self.height_net(np.concatenate([footprint[None].astype(np.float32), terrain, encode_height(stand_m)[None]]), [seed, 2])
+        stand = encode_height(np.clip(stand_m, *TRAINED_M))
+        made_m = self.height_net(np.concatenate([footprint[None].astype(np.float32), terrain, stand[None]]), [seed, 2])
         return at_stand_height(made_m, footprint, stand_m)
 
 

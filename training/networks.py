@@ -23,7 +23,6 @@ def cut(x, cells):
     return x[:, :, cells:-cells, cells:-cells] if cells else x
 
 
-
 def unit_features(x):
     """Each cell's features brought to unit mean square: no statistics of the map enter, so tiles know nothing of each other."""
     return x * torch.rsqrt((x * x).mean(1, keepdim=True) + 1e-6)
@@ -133,7 +132,7 @@ GENERATORS = {"footprint": FootprintGenerator, "height": HeightGenerator}
 
 
 class Critic(nn.Module):
-    """PatchGAN that looks at squares of about 25 cells, or, after averaging, 100.
+    """PatchGAN that looks at squares of 24 cells, or, after averaging, 96.
 
     The first layer keeps every cell: critics that halve at once stay blind to the texture for thousands of steps.
     """

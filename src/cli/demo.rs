@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{DEFAULT_SEED, Outcome, Shared, grow, import};
+use super::{Outcome, Shared, grow, import};
 use crate::pipeline::demo;
 use crate::pipeline::import::DEFAULT_BIOME;
+use crate::pipeline::import::DEFAULT_SEED;
 use crate::progress::Reporter;
 use crate::terrain::generate::GenerateParams;
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::import::{self, TerrainArguments, Unit};
-use super::{DEFAULT_SEED, Outcome, Shared, terminal};
+use super::{Outcome, Shared, terminal};
 use crate::canopy::learned::sketch::Density;
 use crate::gpu::GpuChoice;
 use crate::inference::{LibrarySearch, ModelSource, RuntimeChoice, Runtimes};
@@ -38,9 +38,9 @@ pub struct GrowArguments {
     /// Canopy's footprint in place of a sketch, such as a scene's footprint.tif edited: 1 (white) canopy, 0 (black) open.
     #[arg(long, value_name = "PNG|RASTER", conflicts_with_all = ["chm", "sketch", "density"])]
     footprint: Option<PathBuf>,
-    /// Mean height of the canopy's stands in metres, or a raster of it [default: what the scene's sketch was last grown
-    /// with, else 16].
-    #[arg(long, value_name = "METRES|RASTER", allow_hyphen_values = true)]
+    /// Mean height of the canopy's stands in metres, or a raster of it [default: the metres that
+    /// the scene's canopy was last painted with, else 16].
+    #[arg(long, value_name = "METRES|RASTER", allow_negative_numbers = true)]
     stand_height: Option<String>,
     /// Program that runs the networks: auto takes ONNX Runtime where its library is found, else the built-in one
     /// [default: auto].
@@ -173,12 +173,7 @@ fn ground(arguments: &GrowArguments, seed: Option<u64>) -> Result<(GroundSource,
             }
             return usage("name the scene folder to make with -o FOLDER".to_owned());
         };
-        let import = import::request(
-            &arguments.inputs,
-            output,
-            &arguments.terrain,
-            seed.unwrap_or(DEFAULT_SEED),
-        )?;
+        let import = import::request(&arguments.inputs, output, &arguments.terrain, seed)?;
         return Ok((GroundSource::Files(Box::new(import)), output.clone()));
     }
     if arguments.inputs.len() > 1 {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::{DEFAULT_SEED, Outcome, Shared, terminal};
+use super::{Outcome, Shared, terminal};
 use crate::pipeline::Error;
 use crate::pipeline::import::{self, ImportRequest};
 use crate::progress::Reporter;
@@ -133,12 +133,7 @@ enum ResamplingArgument {
 
 pub fn run(arguments: &ImportArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
     let manifest = import::run(
-        &request(
-            &arguments.inputs,
-            &arguments.output,
-            &arguments.terrain,
-            shared.seed.unwrap_or(DEFAULT_SEED),
-        )?,
+        &request(&arguments.inputs, &arguments.output, &arguments.terrain, shared.seed)?,
         reporter,
     )?;
     report(&arguments.output, &manifest, shared);
@@ -174,7 +169,7 @@ pub fn request(
     inputs: &[PathBuf],
     output: &Path,
     arguments: &TerrainArguments,
-    seed: u64,
+    seed: Option<u64>,
 ) -> Result<ImportRequest, Error> {
     let usage = |what: String| Error::Usage { what };
     let mut request = ImportRequest::new(inputs.to_vec(), output.to_path_buf());

@@ -42,13 +42,10 @@ struct Shared {
     /// Threads to work with; results never depend on it [default: all cores].
     #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Seed of everything random: same seed, same bits [default: 1; a scene folder that is grown keeps its own].
+    /// Seed of everything random: same seed, same bits [default: the scene folder's, else 1].
     #[arg(long, global = true)]
     seed: Option<u64>,
 }
-
-/// Seed where none is given.
-const DEFAULT_SEED: u64 = 1;
 
 #[derive(Subcommand)]
 enum Command {

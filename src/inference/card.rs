@@ -7,8 +7,8 @@ use super::InferenceError;
 /// The card's format that this program reads.
 const FORMAT: i64 = 2;
 /// Cell size that networks are fed, m.
-const CELL_M: f64 = 4.0;
-/// A network trained on cells as near as this serves. Chosen: pairs of 3.6 m were trained on as if of 4 m.
+pub const CELL_M: f64 = 4.0;
+/// A network trained on cells as near as this serves. chosen: pairs of 3.6 m were trained on as if of 4 m.
 const MOST_CELL_MISS_FRACTION: f64 = 0.15;
 /// Sides and halos beyond this are no network of ours, cells.
 const MOST_CELLS: usize = 4096;

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 
 use crate::progress::Cancelled;
 
-pub use card::Card;
+pub use card::{CELL_M, Card};
 pub use library::LibrarySearch;
 pub use models::{Model, ModelSource};
 pub use runtime::{FoundRuntimes, Network, RuntimeChoice, Runtimes, UnknownRuntime};

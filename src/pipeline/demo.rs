@@ -30,7 +30,7 @@ pub fn run(
     let climate = Biome::builtin(biome)?.climate;
     let request = ImportRequest {
         biome: biome.to_owned(),
-        seed: terrain.seed,
+        seed: Some(terrain.seed),
         ..ImportRequest::new(Vec::new(), folder)
     };
     let generated = GenerateParams { latitude_deg: climate.latitude_deg, ..terrain.clone() };

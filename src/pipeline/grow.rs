@@ -179,8 +179,11 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     let inputs = import::hash_inputs(&[given, beside].concat())?;
     let read = |path: &PathBuf| MeasuredCanopy::read(path, request.chm_unit, reporter);
     let measured = request.chm.as_ref().map(read).transpose()?;
-    let kept_stand = existing.as_ref().and_then(|manifest| manifest.stages.get(STAGE));
-    let asked = (request.learned.clone()).map(|learned| learned.with_stand_of(kept_stand));
+    let kept_paint = existing
+        .as_ref()
+        .and_then(|manifest| manifest.stages.get(STAGE)?.parameters.get(learned_canopy::LEARNED))
+        .cloned();
+    let asked = request.learned.clone().map(|learned| learned.with_stand_of(kept_paint.as_ref()));
     let learned = asked.as_ref().map(|learned| learned.ready(reporter)).transpose()?;
     if let GroundSource::Files(import) = &request.ground {
         let has_cloud = import.inputs.iter().any(|path| import::is_cloud(path));
@@ -196,7 +199,13 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         GroundSource::Files(import) => import::run(import, reporter)?,
         GroundSource::Scene { seed, .. } => {
             let mut manifest = existing.ok_or_else(|| no_scene(&folder))?;
-            manifest.scene.seed = seed.unwrap_or(manifest.scene.seed);
+            let own_seed = manifest.scene.seed;
+            manifest.scene.seed = seed.unwrap_or(own_seed);
+            if manifest.scene.seed != own_seed && kept_paint.is_some() && learned.is_none() {
+                let text =
+                    "the canopy stays that of the seed before; give its paint again for another";
+                reporter.warn(Warning::Other { text: text.to_owned() });
+            }
             manifest
         }
     };
@@ -278,7 +287,12 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     };
     let grown = grow(&input, shares, manifest.scene.seed, canopy, reporter)?;
     let mut transaction = Transaction::begin(&folder)?;
-    let parameters = parameters(request, asked.as_ref())?;
+    // a canopy that stays keeps what it was painted with
+    let painted = match &asked {
+        Some(learned) => Some(learned.parameters().into()),
+        None => kept_paint.filter(|_| request.chm.is_none()),
+    };
+    let parameters = parameters(request, painted)?;
     let entry = write(
         &input,
         &grown,
@@ -531,10 +545,7 @@ pub(super) fn write(
     Ok(files.into_entry(key, parameters, figures(input, grown)))
 }
 
-fn parameters(
-    request: &GrowRequest,
-    learned: Option<&LearnedRequest>,
-) -> Result<toml::Table, Error> {
+fn parameters(request: &GrowRequest, painted: Option<toml::Value>) -> Result<toml::Table, Error> {
     let canopy = &request.canopy;
     let mut parameters = import::parameters(&canopy.placement)?;
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -542,8 +553,8 @@ fn parameters(
     if let Some(chm) = &request.chm {
         add("chm", name(chm).into());
     }
-    if let Some(learned) = learned {
-        add(learned_canopy::LEARNED, learned.parameters().into());
+    if let Some(painted) = painted {
+        add(learned_canopy::LEARNED, painted);
     }
     if let Some(shares) = &canopy.shares {
         add("shares", shares.clone().into());

@@ -39,13 +39,16 @@ pub struct ImportRequest {
     pub biome: String,
     /// A climate file instead of the biome's own climate.
     pub climate_file: Option<PathBuf>,
-    /// Seed recorded in the scene for every later stage.
-    pub seed: u64,
+    /// Seed recorded in the scene for every later stage; none leaves a scene its own.
+    pub seed: Option<u64>,
     /// How rasters become terrain.
     pub terrain: ImportParams,
     /// How abiotic maps are made.
     pub abiotics: abiotics::Params,
 }
+
+/// Seed of a scene that is given none.
+pub const DEFAULT_SEED: u64 = 1;
 
 impl ImportRequest {
     /// A request with every setting at its default.
@@ -55,7 +58,7 @@ impl ImportRequest {
             folder,
             biome: DEFAULT_BIOME.to_owned(),
             climate_file: None,
-            seed: 1,
+            seed: None,
             terrain: ImportParams::default(),
             abiotics: abiotics::Params::default(),
         }
@@ -108,9 +111,10 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
     };
     let (terrain_key, abiotics_key) =
         keys(existing.as_ref().is_some_and(|m| m.scene.crs == scene::LOCAL));
-    let head_is_current = existing
-        .as_ref()
-        .is_some_and(|m| m.scene.biome == request.biome && m.scene.seed == request.seed);
+    let own_seed = existing.as_ref().map(|manifest| manifest.scene.seed);
+    let seed = request.seed.or(own_seed).unwrap_or(DEFAULT_SEED);
+    let head_is_current =
+        existing.as_ref().is_some_and(|m| m.scene.biome == request.biome && m.scene.seed == seed);
     let current = |stage: &str, key: &str| match &existing {
         Some(manifest) => manifest.is_current(&request.folder, stage, key),
         None => Ok(false),
@@ -132,14 +136,14 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         }
         None => read_terrain_in(request, &climate, reporter)?,
     };
-    let scene = SceneHead::new(&request.folder, &read.terrain, &request.biome, request.seed);
+    let scene = SceneHead::new(&request.folder, &read.terrain, &request.biome, seed);
     let (terrain_key, abiotics_key) = keys(scene.crs == scene::LOCAL);
     inputs.extend(hash_inputs(request.climate_file.as_slice())?);
     let mut manifest =
         Manifest { scene, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
     let trees = manifest.stages.remove(grow::STAGE);
     if has_trees {
-        let text = "trees grown here on other terrain, maps or species are removed";
+        let text = "trees grown here on other terrain, maps, species or another seed are removed";
         reporter.warn(Warning::Other { text: text.to_owned() });
     }
     // the canopy that they were fitted to is the terrain's

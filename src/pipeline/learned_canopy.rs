@@ -13,7 +13,6 @@ use crate::canopy::learned::stand_height;
 use crate::inference::{ModelSource, Runtimes, TileLayout};
 use crate::progress::{Reporter, Warning};
 use crate::raster::Grid;
-use crate::scene::StageEntry;
 use crate::terrain::Terrain;
 
 /// What is painted.
@@ -83,11 +82,11 @@ pub(super) const LEARNED: &str = "learned";
 const STAND_HEIGHT_M: &str = "stand_height_m";
 
 impl LearnedRequest {
-    /// The same request, its stand height that of the scene's canopy where none is asked for.
-    pub fn with_stand_of(self, canopy: Option<&StageEntry>) -> Self {
-        let kept = canopy
-            .and_then(|canopy| canopy.parameters.get(LEARNED)?.get(STAND_HEIGHT_M)?.as_float())
-            .map(|m| StandHeight::About(m as f32)); // was one
+    /// The same request; where it asks for no stand height, with the one in metres that a canopy was painted with before.
+    pub fn with_stand_of(self, painted: Option<&toml::Value>) -> Self {
+        let kept = painted
+            .and_then(|painted| painted.get(STAND_HEIGHT_M)?.as_float())
+            .map(|m| StandHeight::About(m as f32)); // written from f32
         Self { stand_height: self.stand_height.or(kept), ..self }
     }
 
@@ -240,7 +239,7 @@ impl ReadyCanopy {
             chm_m,
             sketch,
             footprint,
-            runtime: self.generators.runtime_name().to_owned(),
+            runtime: self.generators.runtime_name(),
             stand_height_mean_m: total / ground.stand_m.len().max(1) as f64,
         })
     }

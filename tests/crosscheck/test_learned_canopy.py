@@ -128,6 +128,33 @@ def test_the_footprint_is_that_of_an_independent_chain(scene):
     assert ((heights > 3) == ours)[inner].mean() >= 0.999
 
 
+def test_the_height_is_that_of_an_independent_chain(tmp_path):
+    """Network, then the stand heights that were asked for: 8 m in the west, 30 m, beyond training, in the east."""
+    rows, cols = 300, 330
+    dem = write(tmp_path / "dem.tif", hills(rows, cols, 4.0), 4.0)
+    rng = np.random.default_rng(3)
+    footprint = ndimage.gaussian_filter(rng.normal(size=(rows, cols)), 1.5) > 0.05
+    write(tmp_path / "footprint.tif", footprint.astype("uint8"), 4.0)
+    stand = np.linspace(8, 30, cols, dtype="float32")[None].repeat(rows, 0)
+    write(tmp_path / "stand.tif", stand, 4.0)
+    grow(dem, "--footprint", tmp_path / "footprint.tif", "--stand-height", tmp_path / "stand.tif", "--onnx", "rten", "-o", tmp_path / "forest", "--seed", "7")
+    south = np.arange(rows)[:, None] - 1_300_000 + np.zeros((1, cols), int)
+    east = np.arange(cols)[None] + 125_000 + np.zeros((rows, 1), int)
+    noise = (2 * philox_uniforms(99, south, east, 7) - 1) * 3**0.5
+    terrain = dataset.terrain_channels(hills(rows, cols, 4.0), np.ones((rows, cols), bool), 4.0)
+    encoded = dataset.encode_height(np.clip(stand, *dataset.TRAINED_M))[None]
+    kept = read(tmp_path / "forest" / "footprint.tif").filled(0) == 1
+    heights = run_whole("height", np.concatenate([kept[None], terrain, encoded]), noise, -1_300_000, 125_000)
+    expected = dataset.at_stand_height(heights.astype(np.float64), kept, stand)
+    ours = read(tmp_path / "forest" / "chm.tif").filled(0)
+    # noise outside the map is drawn there, not its border's, and stands are blurred twice by three boxes
+    rim = HALO + 2 * 3 * dataset.STAND_BOX_CELLS
+    inner = np.s_[rim : rows - rim, rim : cols - rim]
+    canopy = kept[inner]
+    assert canopy.mean() > 0.2
+    assert np.abs(ours - expected)[inner][canopy].max() < 0.02
+
+
 def test_the_forest_obeys_the_sketch(scene):
     footprint = read(scene / "forest" / "footprint.tif").filled(0) == 1
     sketch = read(scene / "forest" / "sketch.tif").filled(0)
@@ -191,6 +218,12 @@ def test_a_scene_folder_keeps_its_seed_and_stand_height_until_others_are_given(s
     assert manifest()["scene"]["seed"] == 5
     assert manifest()["stages"]["canopy"]["parameters"]["learned"]["stand_height_m"] == 8
     assert (read(tmp_path / "forest" / "footprint.tif").filled(0) != before).any()
+    # neither other shares nor the same import again forget them
+    grow(tmp_path / "forest", "--shares", "redwood=0.3")
+    assert manifest()["stages"]["canopy"]["parameters"]["learned"]["stand_height_m"] == 8
+    done = subprocess.run([WILDWOOD, "import", scene / "dem.tif", "-o", tmp_path / "forest", "--quiet"])
+    assert done.returncode == 0
+    assert manifest()["scene"]["seed"] == 5 and "canopy" in manifest()["stages"]
 
 
 def test_crowns_are_drawn_at_the_terrains_cell(scene, tmp_path):

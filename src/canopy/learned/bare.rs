@@ -12,8 +12,8 @@ pub const CLIFF_SLOPE: f32 = 1.192;
 /// from the 5–8 m that streams of that size have.
 const RIVER_WIDTH_M: f32 = 6.0;
 
-/// Coarse cells that rivers of these discharges (m³/s) take up at least half of; on a wider scene cell, as much of it as
-/// makes rivers of them.
+/// Coarse cells that rivers of these discharges (m³/s) take up at least half of. On wider scene cells a river is as wide as
+/// they are: where in them it runs is not known.
 pub fn under_rivers(discharge_m3_s: &Grid<f32>, cells: &CoarseCells) -> Vec<bool> {
     let (frame, coarse) = (discharge_m3_s.frame(), &cells.frame);
     let (from, to) = (frame.transform, coarse.transform);

@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
+use crate::inference::CELL_M;
 use crate::raster::resample::{CellPosition, Samples};
 use crate::raster::{Frame, GeoTransform, Grid, Mask};
 
-/// Cell size that networks are trained on, m.
-pub const CELL_M: f64 = 4.0;
 /// Scene cells in this range are the networks' cells as they are. chosen: crowns a quarter larger or smaller are as
 /// plausible, and nothing is lost by resampling.
 const OWN_CELLS_M: std::ops::RangeInclusive<f64> = 3.0..=5.0;

@@ -91,7 +91,7 @@ fn asinh(x: f64) -> f64 {
     math::ln_f64(x.abs() + (x * x + 1.0).sqrt()).copysign(x)
 }
 
-/// Means over three passes of a box of `2 radius + 1` cells a side, of what has weight; values without weight are 0.
+/// Means over three passes of a box of `2 radius + 1` cells a side, of what has weight; values must be 0 where the weight is.
 pub(super) fn box_mean(values: &[f64], weights: &[f64], cols: usize, radius: usize) -> Vec<f64> {
     let rows = values.len() / cols.max(1);
     let three_passes = |values: &[f64]| {

@@ -13,22 +13,28 @@ use crate::rng::{self, Key, Process};
 pub const DEFAULT_M: f32 = 16.0;
 /// Stand heights that can be asked for, m. chosen: above tall shrubs, below the tallest stands known.
 pub const RANGE_M: std::ops::RangeInclusive<f32> = 3.5..=100.0;
+/// Stands vary down to this, m. chosen: just canopy.
+const LOWEST_M: f32 = 3.1;
 /// Stand heights that networks are asked for, m: those of their training; `follow` brings what they give to others.
 const TRAINED_M: [f32; 2] = [4.5, 24.0];
 /// Deviation of stand heights from place to place, as a share. chosen: 0.14 and 0.16 at the two sites of training, a
 /// little less because low stands are open ones too.
 const DEVIATION_FRACTION: f32 = 0.12;
+/// Wavelengths of that deviation, cells, and their parts of it.
+const WAVES: [(i64, f32); 2] = [(64, 0.8), (24, 0.6)];
+
 /// Radius of the box, cells, whose three passes come near the blur over which training takes stand heights.
 const BOX_RADIUS_CELLS: usize = 8;
 /// Least height above 3 m that canopy counts with, m.
 const LEAST_ABOVE_M: f64 = 1e-3;
-/// Least power that heights are raised to where canopy is made taller. Chosen: that of canopies of a sixth of what was
-/// asked.
-const LEAST_POWER: f64 = 0.16;
-/// Wavelengths of that deviation, cells, and their parts of it.
-const WAVES: [(i64, f32); 2] = [(64, 0.8), (24, 0.6)];
+/// Share of what was asked, above 3 m, below which a network's canopy is treated as if it had this. chosen: a sixth.
+const LEAST_FOUND_FRACTION: f64 = 0.16;
+/// The tallest cells lie at most so far above 3 m: this, and a multiple of the stand's own height above it. Read off the
+/// canopies of training: 20 m in savanna of 6 m, 36 m in forest of 18 m.
+const TALLEST_ABOVE_M: f64 = 14.0;
+const TALLEST_ABOVE_STANDS: f64 = 1.6;
 
-/// A smooth random field around a mean: stand height in m on coarse cells, as far as the range allows.
+/// A smooth random field around a mean: stand height in m on coarse cells.
 pub fn around(mean_m: f32, cells: &CoarseCells, seed: u64) -> Vec<f32> {
     let (rows, cols) = (cells.frame.rows, cells.frame.cols);
     let height_m = |index: usize| {
@@ -38,8 +44,7 @@ pub fn around(mean_m: f32, cells: &CoarseCells, seed: u64) -> Vec<f32> {
         let waves = WAVES.iter().enumerate();
         let deviation: f32 =
             waves.map(|(i, (cells, part))| part * wave(east, south, *cells, i, seed)).sum();
-        let (low, high) = (*RANGE_M.start(), *RANGE_M.end());
-        (mean_m * math::exp(DEVIATION_FRACTION * deviation)).clamp(low, high)
+        (mean_m * math::exp(DEVIATION_FRACTION * deviation)).max(LOWEST_M)
     };
     (0..rows * cols).into_par_iter().map(height_m).collect()
 }
@@ -68,8 +73,9 @@ pub fn trained_m(stand_m: f32) -> f32 {
 /// Brings canopy heights in m to the stand heights that were asked for. Twin of `at_stand_height` in training/dataset.py.
 ///
 /// Networks know few open stands that are tall, and none beyond their training. What lies above 3 m is scaled, place by
-/// place, until its mean is the one asked for. Where that makes canopy taller, cells draw nearer to the mean, those above
-/// it more: as from the savanna to the closed forest of the training.
+/// place, until its mean is the one asked for; a lone cell becomes as tall as the stand. Where a network's canopy is lower
+/// than a stand of its training that was asked for, cells draw nearer to the mean as they are made taller, those above it
+/// more: as from the savanna to the closed forest of the training. Beyond the training forests keep their form.
 ///
 /// # Panics
 /// If the maps are not of one size.
@@ -81,22 +87,24 @@ pub fn follow(height_m: &mut [f32], canopy: &[bool], stand_m: &[f32], cols: usiz
     };
     let above_m: Vec<f64> = height_m.iter().zip(canopy).map(above).collect();
     let around_m = box_mean(&above_m, &weights, cols, BOX_RADIUS_CELLS);
-    let wanted_m = |index: usize| f64::from(stand_m[index] - CANOPY_M).max(LEAST_ABOVE_M);
+    let above_canopy_m = |stand_m: f32| f64::from(stand_m - CANOPY_M).max(LEAST_ABOVE_M);
     let shape = |index: usize| {
         if !canopy[index] {
             return 0.0;
         }
         let mean_m = around_m[index].max(LEAST_ABOVE_M);
-        let (ratio, power) =
-            (above_m[index] / mean_m, (mean_m / wanted_m(index)).clamp(LEAST_POWER, 1.0));
+        let found = mean_m / above_canopy_m(trained_m(stand_m[index]));
+        let (ratio, power) = (above_m[index] / mean_m, found.clamp(LEAST_FOUND_FRACTION, 1.0));
         math::powf_f64(ratio, if ratio > 1.0 { power * power.sqrt() } else { power.sqrt() })
     };
     let shapes: Vec<f64> = (0..canopy.len()).into_par_iter().map(shape).collect();
     let around = box_mean(&shapes, &weights, cols, BOX_RADIUS_CELLS);
     let cells = height_m.iter_mut().zip(canopy).enumerate().filter(|(_, (_, canopy))| **canopy);
     for (index, (height_m, _)) in cells {
-        let above_m = wanted_m(index) * shapes[index] / around[index].max(LEAST_ABOVE_M);
-        // canopy stays canopy; heights are some dozens of metres
+        let wanted_m = above_canopy_m(stand_m[index]);
+        let above_m = wanted_m * shapes[index] / around[index].max(LEAST_ABOVE_M);
+        // at most some hundred metres; canopy stays canopy
+        let above_m = above_m.min(TALLEST_ABOVE_M + TALLEST_ABOVE_STANDS * wanted_m);
         *height_m = (CANOPY_M + above_m as f32).max(CANOPY_M.next_up());
     }
 }
@@ -133,6 +141,36 @@ mod tests {
         part.first_east += 10;
         let (a, b) = (around(16.0, &whole, 1), around(16.0, &part, 1));
         assert_eq!(a[40 + 25], b[40 + 15]);
+    }
+
+    #[test]
+    fn a_few_tall_cells_in_low_canopy_grow_no_towers() {
+        // a tenth of 15 m in canopy of 3.1 m; none at all; a lone cell
+        let canopy = vec![true; 3600];
+        let mut heights_m: Vec<f32> =
+            (0..3600_usize).map(|i| if i.is_multiple_of(10) { 15.0 } else { 3.1 }).collect();
+        follow(&mut heights_m, &canopy, &[100.0; 3600], 60);
+        assert!(heights_m.iter().all(|h| *h > CANOPY_M && *h < 180.0), "{heights_m:?}");
+        let mut none_m = vec![0.5; 9];
+        follow(&mut none_m, &[false; 9], &[16.0; 9], 3);
+        assert_eq!(none_m, [0.5; 9]);
+        let mut lone_m = vec![0.0; 9];
+        lone_m[4] = 3.1;
+        follow(&mut lone_m, &std::array::from_fn::<bool, 9, _>(|i| i == 4), &[16.0; 9], 3);
+        assert!((lone_m[4] - 16.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn forests_beyond_training_keep_their_form() {
+        let drawn: Vec<f32> = (0..3600).map(|i| 18.0 + (i * 7 % 13) as f32).collect();
+        let mut heights_m = drawn.clone();
+        follow(&mut heights_m, &[true; 3600], &[45.0; 3600], 60);
+        let spread = |values: &[f32]| {
+            let (low, high) =
+                values.iter().fold((f32::MAX, 0.0_f32), |(a, b), v| (a.min(*v), b.max(*v)));
+            (high - CANOPY_M) / (low - CANOPY_M)
+        };
+        assert!((spread(&heights_m) / spread(&drawn) - 1.0).abs() < 0.15);
     }
 
     #[test]
