@@ -18,5 +18,6 @@ pub mod progress;
 pub mod raster;
 pub mod rng;
 pub mod scene;
+pub mod simulation;
 pub mod species;
 pub mod terrain;

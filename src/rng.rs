@@ -35,6 +35,10 @@ pub enum Process {
     HeightNoise = 99,
     /// How stand height deviates from place to place.
     StandHeight = 100,
+    /// Whether a seed sprouts in a cell, which and where.
+    Germination = 40,
+    /// Whether a plant lives through a year.
+    PlantDeath = 41,
     /// Points that tests strew.
     StrewnPoints = 92,
 }

@@ -20,6 +20,7 @@ use crate::pipeline::grow::{self, CanopyInput, CanopyRequest};
 use crate::pipeline::{Error, import};
 use crate::progress::{Reporter, peak_memory_mib, reset_peak_memory};
 use crate::raster::Grid;
+use crate::simulation::{Community, Parameters, Plot};
 use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::terrain::generate::{self as landscape, GenerateParams};
@@ -70,6 +71,9 @@ enum Workload {
     /// The same, 10 × 10 km.
     #[value(name = "learned-10km")]
     Learned10Km,
+    /// A year of undergrowth, 256 × 256 m in cells of 20 cm under a closed canopy, once it is dense.
+    #[value(name = "simulation-256")]
+    Simulation256,
     /// 1 km² at 1 m: file to terrain, and file to whole scene folder.
     ImportDem,
     /// 4 million points over 1 km²: file to terrain and canopy, and file to whole scene folder.
@@ -86,13 +90,14 @@ pub fn run(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
     };
     let name = workload.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned());
     let folder = tempfile::tempdir().map_err(|source| failed("temporary folder", source))?;
-    let prepared = prepare(workload, arguments, folder.path(), reporter)?;
+    let mut prepared = prepare(workload, arguments, folder.path(), reporter)?;
     let mut runs = Vec::new();
     for _ in 0..arguments.repeat {
-        runs.push(match &prepared {
+        runs.push(match &mut prepared {
             Prepared::Terrain(terrain) => abiotic_maps(terrain, reporter)?,
             Prepared::Canopy(canopy) => canopy_trees(canopy, reporter)?,
             Prepared::Ground(ground) => learned(ground, arguments.onnx, reporter)?,
+            Prepared::Community(community) => simulated_year(community),
             Prepared::File(input) => whole_import(input, folder.path(), reporter)?,
         });
     }
@@ -114,6 +119,7 @@ enum Prepared {
     Terrain(Terrain),
     Canopy(Box<PreparedCanopy>),
     Ground(Terrain),
+    Community(Box<Community>),
     File(PathBuf),
 }
 
@@ -258,6 +264,7 @@ fn prepare(
         }
         Workload::Learned1Km => Prepared::Ground(generated(250, 4.0)?),
         Workload::Learned10Km => Prepared::Ground(generated(2500, 4.0)?),
+        Workload::Simulation256 => Prepared::Community(dense_undergrowth(reporter)?.into()),
         Workload::ImportLaz => Prepared::File(match &arguments.laz {
             Some(path) => path.clone(),
             None => {
@@ -275,6 +282,47 @@ fn prepare(
                 scene.join("terrain.tif")
             }
         }),
+    })
+}
+
+/// Years that undergrowth is given to become dense.
+const DENSE_AFTER_YEARS: usize = 60;
+
+/// Undergrowth of a plot of 256 m, after some decades.
+fn dense_undergrowth(reporter: &Reporter) -> Result<Community, Error> {
+    let PreparedCanopy { terrain, site, chm_m, biome } =
+        PreparedCanopy::new(280, 250.0, 16.0, reporter)?;
+    let allowed = terrain.elevation_m.mask();
+    let input = CanopyInput {
+        terrain: &terrain,
+        site: &site,
+        chm_m: &chm_m,
+        learned: None,
+        allowed,
+        biome: &biome,
+        brush: None,
+    };
+    let request = CanopyRequest { gpu: GpuChoice::Off, ..CanopyRequest::default() };
+    let reporter = reporter.silenced();
+    let grown = grow::grow(&input, Shares::default(), 1, &request, &reporter)?;
+    let maps = abiotics::run(&terrain, &biome.climate, &abiotics::Params::default(), &reporter)?;
+    let parameters = Parameters::kapp2020();
+    let plot = Plot::of(&maps, &grown.plants, &biome, &parameters);
+    let mut community = Community::new(plot, &biome, parameters, 1);
+    for _ in 0..DENSE_AFTER_YEARS {
+        reporter.check_cancelled()?;
+        community.live_a_year();
+    }
+    Ok(community)
+}
+
+fn simulated_year(community: &mut Community) -> Value {
+    let started = Instant::now();
+    let figures = community.live_a_year();
+    let seconds = started.elapsed().as_secs_f64();
+    json!({
+        "seconds": seconds, "plants": figures.plants, "deaths": figures.deaths,
+        "sprouted": figures.sprouted, "plant_months_per_s": 12.0 * figures.plants as f64 / seconds,
     })
 }
 

@@ -1,0 +1,28 @@
+//! Simulation of single plants: monthly growth, yearly germination and death under competition for light and water.
+//!
+//! One set of processes serves the undergrowth beneath a fixed canopy ([`Parameters::kapp2020`]) and, with other numbers, whole
+//! forests ([`Parameters::peytavie2024`]). Plants compete on a fine grid. Crowns enter it once a year, as wide and as tall as
+//! they are then: so the shares of a year are worked out by one walk over the plants of a tile, the tallest first.
+//!
+//! Reading order: `parameters`, `plot` (ground and canopy), `seedbank`, `traits` (a species by month), `competition` (shares),
+//! `carbon_pool`, `mortality`, `germination`, `community` (the plants, and their year).
+//!
+//! # Reference
+//! Kapp et al. 2020, section 6.1, Algorithm 2, doi:10.1145/3414685.3417848; Peytavie et al. 2024, section 5,
+//! doi:10.1145/3641816.
+
+pub mod carbon_pool;
+pub mod community;
+mod competition;
+mod germination;
+pub mod mortality;
+pub mod parameters;
+pub mod plot;
+#[cfg(test)]
+mod reference;
+pub mod seedbank;
+mod traits;
+
+pub use community::{Community, YearFigures};
+pub use parameters::{GrowthCurve, Parameters};
+pub use plot::{CanopyTree, Plot};

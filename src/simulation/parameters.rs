@@ -1,0 +1,66 @@
+//! Numbers that the two papers choose differently over one set of processes.
+
+/// How height follows from idealized age.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GrowthCurve {
+    /// Smoothstep to the greatest height at the greatest age (Kapp 2020, Eq. 3, which prints −2x³ + 3x³ for 3x² − 2x³).
+    Smoothstep,
+    /// Saturating (Peytavie 2024, Eq. 2), as the species file has it.
+    Saturating,
+}
+
+/// Parameters of a simulation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameters {
+    /// Width of the cells that plants compete in, m.
+    pub cell_m: f32,
+    /// Vigor that the carbon pool holds, in months of the best vigor.
+    pub pool_capacity: f32,
+    /// Share of a species that reaches its greatest age.
+    pub survivors_fraction: f32,
+    /// Height by age.
+    pub growth: GrowthCurve,
+    /// Chance that a seed sprouts in a cell in a year, for each canopy tree near.
+    pub seed_chance_per_year: f32,
+    /// Distance up to which that chance holds, in crown radii of the tree.
+    pub seed_flat_radii: f32,
+    /// Distance at which it has fallen to 0, in crown radii.
+    pub seed_reach_radii: f32,
+    /// Exponent of the greatest age by which short-lived species sprout more often.
+    pub lifespan_exponent: f32,
+}
+
+impl Parameters {
+    /// Undergrowth under a fixed canopy.
+    ///
+    /// # Reference
+    /// Kapp et al. 2020, section 6.1: cells of 20 cm, three months of the greatest stress (0.2) in the pool, survivors
+    /// 0.01, seeding 0.003 flat to 4 r and falling to 0 at 12 r, exponent 1.2.
+    pub fn kapp2020() -> Self {
+        Self {
+            cell_m: 0.2,
+            pool_capacity: 0.6,
+            survivors_fraction: 0.01,
+            growth: GrowthCurve::Smoothstep,
+            seed_chance_per_year: 0.003,
+            seed_flat_radii: 4.0,
+            seed_reach_radii: 12.0,
+            lifespan_exponent: 1.2,
+        }
+    }
+
+    /// Whole forests.
+    ///
+    /// # Reference
+    /// Peytavie et al. 2024, section 5, and what their program ran (PAPER_NOTES §7, §10): cells of 50 cm, a pool of 1,
+    /// germination of 0.005 per cell and year.
+    pub fn peytavie2024() -> Self {
+        Self {
+            cell_m: 0.5,
+            pool_capacity: 1.0,
+            growth: GrowthCurve::Saturating,
+            seed_chance_per_year: 0.005,
+            ..Self::kapp2020()
+        }
+    }
+}

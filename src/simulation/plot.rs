@@ -1,0 +1,314 @@
+//! Plot: the ground that plants compete on, and the canopy that stands over it and does not change.
+
+use rayon::prelude::*;
+
+use super::Parameters;
+use super::seedbank::{self, Seeds};
+use crate::abiotics::AbioticMaps;
+use crate::plants::{Layer, Plants};
+use crate::raster::MONTHS;
+use crate::species::Biome;
+
+/// What a terrain cell offers, month by month from January.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroundCell {
+    /// Light a day above all plants, hours.
+    pub sun_h: [f32; MONTHS],
+    /// Soil water, mm.
+    pub moisture_mm: [f32; MONTHS],
+    /// Temperature, °C.
+    pub temperature_c: [f32; MONTHS],
+    /// Slope, radians.
+    pub slope_rad: f32,
+}
+
+/// A tree of the fixed canopy. Places are metres from the plot's north-west corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CanopyTree {
+    /// Index into the biome's species.
+    pub species: u16,
+    /// Metres east of the corner.
+    pub east_m: f32,
+    /// Metres south of it.
+    pub south_m: f32,
+    /// Crown radius.
+    pub crown_radius_m: f32,
+    /// Height.
+    pub height_m: f32,
+    /// Height of the lowest live branches: undergrowth that reaches it dies.
+    pub crown_base_m: f32,
+}
+
+/// What the canopy leaves to a simulation cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct CanopyCell {
+    /// Share of the light that it lets through.
+    pub light_fraction: f32,
+    /// Water that its trees take before all others, mm a month.
+    pub taken_mm: f32,
+    /// Height of its underside, m.
+    pub base_m: f32,
+    /// Number of its trees over the cell.
+    pub trees: u16,
+}
+
+const OPEN: CanopyCell =
+    CanopyCell { light_fraction: 1.0, taken_mm: 0.0, base_m: f32::INFINITY, trees: 0 };
+
+/// Ground and canopy of a rectangle; rows count southwards.
+#[derive(Clone, Debug)]
+pub struct Plot {
+    /// Rows of simulation cells.
+    pub rows: usize,
+    /// Columns of simulation cells.
+    pub cols: usize,
+    /// Width of a simulation cell, m.
+    pub cell_m: f32,
+    /// Absolute number of the first column, counted in simulation cells east: draws are keyed by it.
+    pub first_east: i64,
+    /// Absolute number of the first row, counted in simulation cells south.
+    pub first_south: i64,
+    /// Ground by terrain cell, row-major.
+    pub(super) ground: Vec<GroundCell>,
+    /// Seeds by terrain cell.
+    pub(super) seeds: Vec<Seeds>,
+    /// Canopy by simulation cell.
+    pub(super) canopy: Vec<CanopyCell>,
+    /// Row of the terrain cell that the middle of each simulation row lies in.
+    pub(super) ground_row: Vec<usize>,
+    /// The same of columns.
+    pub(super) ground_col: Vec<usize>,
+    ground_cols: usize,
+}
+
+impl Plot {
+    /// The plot of a scene: its abiotic maps and its canopy trees.
+    pub fn of(maps: &AbioticMaps, canopy: &Plants, biome: &Biome, parameters: &Parameters) -> Self {
+        let frame = maps.slope_rad.frame();
+        let (ground_cell_m, height_m) = (frame.cell_m(), frame.rows as f32 * frame.cell_m());
+        let cell = |index: usize| GroundCell {
+            sun_h: std::array::from_fn(|month| maps.sunlight_h.month(month)[index]),
+            moisture_mm: std::array::from_fn(|month| maps.moisture_mm.month(month)[index]),
+            temperature_c: std::array::from_fn(|month| maps.temperature_c.at(month, index)),
+            slope_rad: maps.slope_rad.values()[index],
+        };
+        let ground = (0..frame.len()).into_par_iter().map(cell).collect();
+        let tree = |index: usize| {
+            let species = &biome.species[usize::from(canopy.species[index])];
+            CanopyTree {
+                species: canopy.species[index],
+                east_m: canopy.east_m[index],
+                south_m: height_m - canopy.north_m[index],
+                crown_radius_m: canopy.crown_radius_m[index],
+                height_m: canopy.height_m[index],
+                crown_base_m: species.crown_base_m(canopy.height_m[index], 1.0),
+            }
+        };
+        let is_canopy = |index: &usize| canopy.layer[*index] == Layer::Canopy;
+        let trees: Vec<CanopyTree> = (0..canopy.len()).filter(is_canopy).map(tree).collect();
+        Self::new([frame.rows, frame.cols], ground_cell_m, ground, &trees, biome, parameters)
+    }
+
+    /// A plot of `ground_rows` × `ground_cols` terrain cells, `ground_cell_m` wide, under a canopy.
+    ///
+    /// # Panics
+    /// If the ground does not fill its cells, or a plot has more than 2³² simulation cells.
+    pub fn new(
+        [ground_rows, ground_cols]: [usize; 2],
+        ground_cell_m: f32,
+        ground: Vec<GroundCell>,
+        canopy: &[CanopyTree],
+        biome: &Biome,
+        parameters: &Parameters,
+    ) -> Self {
+        assert_eq!(ground.len(), ground_rows * ground_cols, "ground does not fill its cells");
+        let cell_m = parameters.cell_m;
+        // whole simulation cells; a rim narrower than one is left out
+        let cells = |ground_cells: usize| {
+            ((ground_cells as f32 * ground_cell_m / cell_m) + 1e-3).floor().max(1.0) as usize
+        };
+        let (rows, cols) = (cells(ground_rows), cells(ground_cols));
+        assert!(rows * cols < u32::MAX as usize, "too large a plot: cut it into smaller ones");
+        let lines = |cells: usize, most: usize| {
+            let line = |cell| ((cell as f32 + 0.5) * cell_m / ground_cell_m) as usize;
+            (0..cells).map(|cell| line(cell).min(most - 1)).collect()
+        };
+        let mut seeds = vec![Seeds::default(); ground.len()];
+        for tree in canopy {
+            let size = [ground_rows, ground_cols];
+            seedbank::sow(tree, biome, parameters, size, ground_cell_m, &mut seeds);
+        }
+        let mut plot = Self {
+            rows,
+            cols,
+            cell_m,
+            first_east: 0,
+            first_south: 0,
+            ground,
+            seeds,
+            canopy: vec![OPEN; rows * cols],
+            ground_row: lines(rows, ground_rows),
+            ground_col: lines(cols, ground_cols),
+            ground_cols,
+        };
+        for tree in canopy {
+            plot.shade(tree, biome);
+        }
+        plot
+    }
+
+    fn shade(&mut self, tree: &CanopyTree, biome: &Biome) {
+        let species = &biome.species[usize::from(tree.species)];
+        let keep = 1.0 - species.absorbed_light_fraction;
+        let need_mm = super::traits::least_water_mm(&species.niche);
+        let crown =
+            Disk { east_m: tree.east_m, south_m: tree.south_m, radius_m: tree.crown_radius_m };
+        for row in crown.rows(self.rows, self.cell_m) {
+            for col in crown.cols(row, self.cols, self.cell_m) {
+                let cell = &mut self.canopy[row * self.cols + col];
+                cell.light_fraction *= keep;
+                cell.taken_mm += need_mm;
+                cell.base_m = cell.base_m.min(tree.crown_base_m);
+                cell.trees = cell.trees.saturating_add(1);
+            }
+        }
+    }
+
+    /// Index of the terrain cell that a simulation cell lies in.
+    #[inline]
+    pub(super) fn ground_of(&self, row: usize, col: usize) -> usize {
+        self.ground_row[row] * self.ground_cols + self.ground_col[col]
+    }
+
+    /// Row and column of the simulation cell that a place lies in.
+    #[inline]
+    pub(super) fn cell_at(&self, east_m: f32, south_m: f32) -> [usize; 2] {
+        // `as` cuts negatives to 0
+        let cell = |at_m: f32, cells: usize| ((at_m / self.cell_m) as usize).min(cells - 1);
+        [cell(south_m, self.rows), cell(east_m, self.cols)]
+    }
+
+    /// Area in m².
+    pub fn area_m2(&self) -> f32 {
+        (self.rows * self.cols) as f32 * self.cell_m * self.cell_m
+    }
+}
+
+/// A crown from above, in metres from the plot's north-west corner.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Disk {
+    pub east_m: f32,
+    pub south_m: f32,
+    pub radius_m: f32,
+}
+
+impl Disk {
+    /// Rows with cells of it: those whose middle it reaches, and that of its own middle.
+    #[inline]
+    pub fn rows(&self, rows: usize, cell_m: f32) -> std::ops::Range<usize> {
+        span(self.south_m, self.radius_m, rows, cell_m)
+    }
+
+    /// Columns of all rows together.
+    #[inline]
+    pub fn all_cols(&self, cols: usize, cell_m: f32) -> std::ops::Range<usize> {
+        span(self.east_m, self.radius_m, cols, cell_m)
+    }
+
+    /// Columns of a row whose middles it covers; in the row of its middle at least that.
+    #[inline]
+    pub fn cols(&self, row: usize, cols: usize, cell_m: f32) -> std::ops::Range<usize> {
+        let south_m = (row as f32 + 0.5) * cell_m - self.south_m;
+        let half_m = (self.radius_m * self.radius_m - south_m * south_m).max(0.0).sqrt();
+        let own_row = south_m.abs() <= 0.5 * cell_m;
+        if half_m == 0.0 && !own_row {
+            return 0..0;
+        }
+        if own_row {
+            span(self.east_m, half_m, cols, cell_m)
+        } else {
+            middles(self.east_m, half_m, cols, cell_m)
+        }
+    }
+}
+
+/// Cells whose middles lie within `half_m` of a place.
+#[inline]
+fn middles(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> std::ops::Range<usize> {
+    // `as` cuts negatives to 0
+    let first = ((at_m - half_m) / cell_m + 0.5).max(0.0) as usize;
+    let end = ((at_m + half_m) / cell_m + 0.5).max(0.0) as usize;
+    first.min(cells)..end.min(cells).max(first.min(cells))
+}
+
+/// The same, and at least the cell of the place itself.
+#[inline]
+fn span(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> std::ops::Range<usize> {
+    let covered = middles(at_m, half_m, cells, cell_m);
+    let own = ((at_m / cell_m).max(0.0) as usize).min(cells - 1);
+    if covered.is_empty() { own..own + 1 } else { covered.start.min(own)..covered.end.max(own + 1) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cells(disk: Disk) -> Vec<(usize, usize)> {
+        let of_row = |row| disk.cols(row, 30, 0.2).map(move |col| (row, col));
+        disk.rows(30, 0.2).flat_map(of_row).collect()
+    }
+
+    #[test]
+    fn a_disk_covers_the_cells_whose_middles_it_covers_and_its_own() {
+        for (east_m, south_m, radius_m) in [
+            (3.01, 2.97, 1.0),
+            (0.05, 5.99, 0.7),
+            (2.5, 2.5, 0.0),
+            (1.07, 1.13, 0.04),
+            (5.9, 0.3, 2.3),
+        ] {
+            let disk = Disk { east_m, south_m, radius_m };
+            let own = ((south_m / 0.2) as usize, (east_m / 0.2) as usize);
+            let covers = |row: usize, col: usize| {
+                let (y, x) =
+                    ((row as f32 + 0.5) * 0.2 - south_m, (col as f32 + 0.5) * 0.2 - east_m);
+                x * x + y * y < radius_m * radius_m || (row, col) == own
+            };
+            let expected: Vec<_> =
+                (0..900).map(|i| (i / 30, i % 30)).filter(|(r, c)| covers(*r, *c)).collect();
+            assert_eq!(cells(disk), expected, "{disk:?}");
+        }
+    }
+
+    #[test]
+    fn crowns_shade_and_drink_and_have_an_underside() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let species = biome.sub_biomes[0].canopy[0];
+        let tree = |east_m: f32, crown_base_m: f32| CanopyTree {
+            species: species as u16,
+            east_m,
+            south_m: 10.0,
+            crown_radius_m: 4.0,
+            height_m: 20.0,
+            crown_base_m,
+        };
+        let cell = GroundCell {
+            sun_h: [5.0; MONTHS],
+            moisture_mm: [80.0; MONTHS],
+            temperature_c: [12.0; MONTHS],
+            slope_rad: 0.0,
+        };
+        let trees = [tree(8.0, 6.0), tree(12.0, 9.0)];
+        let plot =
+            Plot::new([20, 20], 1.0, vec![cell; 400], &trees, &biome, &Parameters::kapp2020());
+        assert_eq!((plot.rows, plot.cols, plot.ground_of(52, 98)), (100, 100, 10 * 20 + 19));
+        let at = |east_m: f32| {
+            let [row, col] = plot.cell_at(east_m, 10.0);
+            plot.canopy[row * 100 + col]
+        };
+        let keep = 1.0 - biome.species[species].absorbed_light_fraction;
+        assert_eq!((at(5.0).light_fraction, at(5.0).trees, at(5.0).base_m), (keep, 1, 6.0));
+        assert_eq!((at(10.0).light_fraction, at(10.0).trees), (keep * keep, 2));
+        assert_eq!(at(1.0), OPEN);
+    }
+}

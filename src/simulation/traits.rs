@@ -1,0 +1,173 @@
+//! Traits: what the year of a species asks for, worked out once.
+
+use super::mortality;
+use super::{GrowthCurve, Parameters};
+use crate::math;
+use crate::raster::MONTHS;
+use crate::species::niche::{self, Niche, Tolerance};
+use crate::species::{Biome, PowerLaw};
+
+/// Steps of the table to one half width of a tolerance. Chosen: straight lines between them miss by less than 10⁻⁵.
+const STEPS: usize = 512;
+/// Half widths that the table reaches; farther out adaptation is all stress.
+const REACH: usize = 2;
+
+/// Adaptation by distance from the ideal in half widths.
+pub struct AdaptationTable {
+    values: Vec<f32>,
+}
+
+impl AdaptationTable {
+    pub fn new() -> Self {
+        let at = |step: usize| niche::adaptation(step as f32 / STEPS as f32, 0.0, 1.0);
+        Self { values: (0..=REACH * STEPS + 1).map(at).collect() }
+    }
+
+    /// [`niche::adaptation`] to within 10⁻⁵.
+    #[inline]
+    pub fn adaptation(&self, value: f32, tolerance: Scaled) -> f32 {
+        let steps = ((value - tolerance.ideal).abs() * tolerance.steps).min((REACH * STEPS) as f32);
+        let step = steps as usize;
+        let [low, high] = [self.values[step], self.values[step + 1]];
+        low + (high - low) * (steps - step as f32)
+    }
+}
+
+/// A tolerance with its width in steps of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct Scaled {
+    ideal: f32,
+    steps: f32,
+}
+
+impl Scaled {
+    fn of(tolerance: Tolerance) -> Self {
+        Self { ideal: tolerance.ideal, steps: STEPS as f32 / tolerance.half_width }
+    }
+}
+
+/// A species in the simulation.
+pub struct Traits {
+    pub sun_h: Scaled,
+    pub moisture_mm: Scaled,
+    pub temperature_c: Scaled,
+    pub slope_rad: Scaled,
+    /// Share of the light that a crown lets through.
+    pub passed_light_fraction: f32,
+    /// Water it takes before what is left over is shared, mm a month.
+    pub need_mm: f32,
+    /// Years of idealized age for each month whose growth runs over wholly; 0 outside the season.
+    pub years_a_month: [f32; MONTHS],
+    /// Chance of death without stress.
+    pub background_death_probability_per_year: f32,
+    /// Weight among germinating species besides vigor: 1/ℓ^β.
+    pub seed_weight: f32,
+    /// One bit a sub-biome that it grows in.
+    pub sub_biomes: u32,
+    max_age_years: f32,
+    max_height_m: f32,
+    height_curve_q: f32,
+    growth: GrowthCurve,
+    crown_radius: PowerLaw,
+}
+
+impl Traits {
+    /// Traits of every species of a biome.
+    pub fn of(biome: &Biome, parameters: &Parameters) -> Vec<Self> {
+        let of_species = |species: &crate::species::Species| {
+            let season = species.growing_season;
+            let month_years = 1.0 / f32::from(season.months());
+            let years = |month: usize| {
+                if season.contains(month as u8 + 1) { month_years } else { 0.0 }
+            };
+            Self {
+                sun_h: Scaled::of(species.niche.sun_h),
+                moisture_mm: Scaled::of(species.niche.moisture_mm),
+                temperature_c: Scaled::of(species.niche.temperature_c),
+                slope_rad: Scaled::of(species.niche.slope_rad),
+                passed_light_fraction: 1.0 - species.absorbed_light_fraction,
+                need_mm: least_water_mm(&species.niche),
+                years_a_month: std::array::from_fn(years),
+                background_death_probability_per_year:
+                    mortality::background_death_probability_per_year(
+                        parameters.survivors_fraction,
+                        species.max_age_years,
+                    ),
+                seed_weight: math::powf(species.max_age_years, -parameters.lifespan_exponent),
+                sub_biomes: species.sub_biomes.iter().fold(0, |bits, index| bits | 1 << index),
+                max_age_years: species.max_age_years,
+                max_height_m: species.max_height_m,
+                height_curve_q: species.height_curve_q,
+                growth: parameters.growth,
+                crown_radius: species.crown.radius.typical,
+            }
+        };
+        biome.species.iter().map(of_species).collect()
+    }
+
+    /// Height in m at an idealized age, and crown radius.
+    ///
+    /// # Reference
+    /// Kapp et al. 2020, Eqs. 2–3; Peytavie et al. 2024, Eq. 2.
+    pub fn size_m(&self, idealized_age_years: f32) -> [f32; 2] {
+        let share = (idealized_age_years / self.max_age_years).clamp(0.0, 1.0);
+        let rise = match self.growth {
+            GrowthCurve::Smoothstep => math::smoothstep(share),
+            GrowthCurve::Saturating => 2.0 / (1.0 + math::exp(self.height_curve_q * share)) - 1.0,
+        };
+        let height_m = rise * self.max_height_m;
+        [height_m, self.crown_radius.at_m(height_m)]
+    }
+}
+
+/// Water that a plant needs at least, mm a month: the dry end of what its species bears.
+///
+/// # Reference
+/// Kapp et al. 2020, section 6.1, speaks of "a defined minimum" and gives no value. chosen: with less than this a plant is
+/// under stress, so it is what roots that reach water first take first.
+pub fn least_water_mm(niche: &Niche) -> f32 {
+    (niche.moisture_mm.ideal - niche.moisture_mm.half_width).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_is_the_function() {
+        let table = AdaptationTable::new();
+        let tolerance = Tolerance { ideal: 80.0, half_width: 35.0 };
+        for step in 0..2000 {
+            let value = step as f32 * 0.12;
+            let (got, want) =
+                (table.adaptation(value, Scaled::of(tolerance)), tolerance.adaptation(value));
+            assert!((got - want).abs() < 2e-5, "{value}: {got} for {want}");
+        }
+        assert_eq!(table.adaptation(1e9, Scaled::of(tolerance)), -niche::MOST_STRESS);
+    }
+
+    #[test]
+    fn a_full_season_is_a_year_of_growth_and_full_age_is_full_height() {
+        for name in Biome::BUILTIN_NAMES {
+            let biome = Biome::builtin(name).unwrap();
+            for (traits, species) in
+                Traits::of(&biome, &Parameters::kapp2020()).iter().zip(&biome.species)
+            {
+                assert!((traits.years_a_month.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+                let [height_m, radius_m] = traits.size_m(species.max_age_years);
+                assert_eq!(height_m, species.max_height_m);
+                assert_eq!(radius_m, species.crown_radius_m(height_m));
+                assert_eq!(traits.size_m(0.0), [0.0, 0.0]);
+            }
+        }
+    }
+
+    #[test]
+    fn smoothstep_is_used_as_meant_not_as_printed() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let (traits, species) = (Traits::of(&biome, &Parameters::kapp2020()), &biome.species[0]);
+        // printed, −2x³ + 3x³ = x³ is an eighth at half age
+        let [height_m, _] = traits[0].size_m(0.5 * species.max_age_years);
+        assert!((height_m / species.max_height_m - 0.5).abs() < 1e-6);
+    }
+}
