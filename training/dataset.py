@@ -273,11 +273,9 @@ def held_out_cells(shape, rule):
     raise ValueError(f"unknown hold-out rule '{rule}': none, all, north|south|west|east:SHARE or blocks:N")
 
 
-def read_pairs(path):
-    """Every site of a table of pairs (CSV: name,dtm,chm[,holdout][,sketch][,weight]) or of a folder of *_dtm.tif and *_chm.tif.
-
-    Gives sites and the share of training samples that each is to have.
-    """
+def pairs_table(path):
+    """Rows of a table of pairs (CSV: name,dtm,chm[,holdout][,sketch][,weight][,source][,licence]) or of a folder of *_dtm.tif
+    and *_chm.tif, and the folder that their paths are relative to: (root, rows)."""
     path = pathlib.Path(path)
     if path.is_dir():
         dtms = sorted(path.glob("*_dtm.tif"))
@@ -289,6 +287,12 @@ def read_pairs(path):
         root = path.parent
     if not table:
         raise ValueError(f"no pairs in {path}: expected *_dtm.tif beside *_chm.tif, or a table with the columns name,dtm,chm")
+    return root, table
+
+
+def read_pairs(path):
+    """Every site of a table or folder of pairs (`pairs_table`), and the share of training samples that each is to have."""
+    root, table = pairs_table(path)
     sites, weights = [], []
     for row in table:
         sketch = row.get("sketch")

@@ -16,6 +16,7 @@ import torch
 from torch import nn
 
 import dataset
+from dataset import pairs_table
 from networks import GENERATORS, HALO, STRIDE, cut, decode_height, receptive_field
 
 OPSET = 17
@@ -91,7 +92,7 @@ def write_onnx(generator, path):
         raise SystemExit(f"{path}: onnxruntime and torch differ by {worst} m")
 
 
-def write_card(stage, state, onnx_path, figures, card_path):
+def write_card(stage, state, onnx_path, figures, data, card_path):
     """The model card: what goes in, what comes out, where it comes from, how good it is."""
     text = lambda value: json.dumps(value, ensure_ascii=False)  # a TOML basic string is a JSON string
     generator = GENERATORS[stage](state["config"]["features"])
@@ -118,12 +119,10 @@ def write_card(stage, state, onnx_path, figures, card_path):
     ]
     for name, meaning in CHANNELS[stage]:
         lines += ["[[channels]]", f"name = {text(name)}", f"meaning = {text(meaning)}", ""]
+    for row in data:
+        lines += ["[[data]]", f"name = {text(row.get('source') or row['name'])}"]
+        lines += [f"licence = {text(row.get('licence') or 'not told')}", f"held_out = {text(row.get('holdout') or 'none')}", ""]
     lines += [
-        "[[data]]",
-        'name = "NEON airborne LiDAR, San Joaquin Experimental Range and Harvard Forest, 4 m"',
-        'licence = "CC BY 4.0"',
-        'held_out = "southern quarter of the first, eastern quarter of the second"',
-        "",
         "[[data]]",
         'name = "forests planted by training/synthetic.py"',
         'licence = "the project\'s own"',
@@ -132,8 +131,9 @@ def write_card(stage, state, onnx_path, figures, card_path):
         f"steps_done = {state['step']}",
     ]
     config = dict(state["config"])
+    # names, not where they lay
+    config["pairs"] = pathlib.Path(config["pairs"]).name
     if config.get("begin_with"):
-        # the run's name, not where it lay
         config["begin_with"] = pathlib.Path(config["begin_with"]).parent.name
     lines += [f"{key} = {text(value)}" for key, value in config.items()]
     if figures:
@@ -146,6 +146,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("--footprint", required=True, help="run folder or checkpoint")
     parser.add_argument("--height", required=True, help="run folder or checkpoint")
+    parser.add_argument("--pairs", help="table or folder of pairs that were trained on, for the cards (default: the run's)")
     parser.add_argument("--figures", help="JSON of evaluate.py, whose summary goes on the cards")
     parser.add_argument("--out", default="../models")
     args = parser.parse_args()
@@ -158,7 +159,8 @@ def main():
             raise SystemExit(f"{getattr(args, stage)} holds a {state['config']['stage']} network")
         path = out / f"{stage}.onnx"
         write_onnx(generator, path)
-        write_card(stage, state, path, summary, out / f"{stage}.toml")
+        data = pairs_table(args.pairs or state["config"]["pairs"])[1]
+        write_card(stage, state, path, summary, data, out / f"{stage}.toml")
         print(f"{path}: {path.stat().st_size / 1e6:.2f} MB, {state['step']} steps")
 
 
