@@ -86,7 +86,7 @@ STAND_BOX_CELLS = 8
 TRAINED_M = (4.5, 24.0)
 """Stand heights that networks are asked for."""
 
-LEAST_FOUND_FRACTION = 0.16
+FORM_KEPT_FRACTION, LEAST_FOUND_FRACTION = 0.5, 0.16
 TALLEST_ABOVE_M, TALLEST_ABOVE_STANDS = 14.0, 1.6
 
 
@@ -94,13 +94,13 @@ def at_stand_height(height_m, canopy, stand_m):
     """Canopy heights brought to the stand heights that were asked for, in metres. Twin of src/canopy/learned/stand_height.rs.
 
     Networks know few open stands that are tall, and none beyond their training. What lies above 3 m is scaled, place by
-    place, until its mean is the one asked for. Where a network's canopy is lower than a stand of its training that was asked
-    for, cells draw nearer to the mean as they are made taller, those above it more. No cell grows far beyond its stand.
+    place, until its mean is the one asked for. Where a network's canopy is lower than half a stand of its training that was
+    asked for, cells draw nearer to the mean as they are made taller, those above it more. No cell grows far beyond its stand.
     """
     above = np.where(canopy, np.maximum(height_m - CANOPY_M, 1e-3), 0.0)
     wanted, asked = (np.maximum(stand - CANOPY_M, 1e-3) for stand in (stand_m, np.clip(stand_m, *TRAINED_M)))
     mean = np.maximum(box_blur(above, canopy, STAND_BOX_CELLS), 1e-3)
-    ratio, power = above / mean, np.clip(mean / asked, LEAST_FOUND_FRACTION, 1.0)
+    ratio, power = above / mean, np.clip(mean / (FORM_KEPT_FRACTION * asked), LEAST_FOUND_FRACTION, 1.0)
     shape = np.where(canopy, ratio ** np.where(ratio > 1.0, power**1.5, np.sqrt(power)), 0.0)
     tall = wanted * shape / np.maximum(box_blur(shape, canopy, STAND_BOX_CELLS), 1e-3)
     return np.where(canopy, CANOPY_M + np.minimum(tall, TALLEST_ABOVE_M + TALLEST_ABOVE_STANDS * wanted), height_m)
