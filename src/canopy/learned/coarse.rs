@@ -81,6 +81,8 @@ impl CoarseCells {
                     (values[index], valid[index]) = ((sum / f64::from(count)) as f32, true);
                 }
             }
+            // a sliver at the rim may hold no centre
+            self.fill_rim(from, &mut values, &mut valid);
         } else {
             let samples = Samples::new(from.rows, from.cols, grid.values(), grid.mask().as_slice());
             for index in 0..to.len() {
@@ -178,7 +180,7 @@ mod tests {
 
     #[test]
     fn a_scene_off_the_lattice_has_terrain_and_paint_to_its_rim() {
-        for off in [1.0, 2.0, 3.0] {
+        for off in [1.0, 2.0, 3.0, 3.5] {
             let scene = frame(1000.0 + off, 2000.0 + off, 1.0, 50, 50);
             let count = scene.len();
             let scene = Arc::new(scene);
