@@ -201,10 +201,10 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
             let mut manifest = existing.ok_or_else(|| no_scene(&folder))?;
             let own_seed = manifest.scene.seed;
             manifest.scene.seed = seed.unwrap_or(own_seed);
-            if manifest.scene.seed != own_seed && kept_paint.is_some() && learned.is_none() {
-                let text =
-                    "the canopy stays that of the seed before; give its paint again for another";
-                reporter.warn(Warning::Other { text: text.to_owned() });
+            let is_kept = learned.is_none() && measured.is_none();
+            if manifest.scene.seed != own_seed && kept_paint.is_some() && is_kept {
+                let what = "--seed gives another canopy only with its paint: give --sketch, --density or --footprint again";
+                return Err(Error::Usage { what: what.to_owned() });
             }
             manifest
         }

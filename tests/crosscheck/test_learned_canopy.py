@@ -218,6 +218,7 @@ def test_a_scene_folder_keeps_its_seed_and_stand_height_until_others_are_given(s
     assert manifest()["scene"]["seed"] == 5
     assert manifest()["stages"]["canopy"]["parameters"]["learned"]["stand_height_m"] == 8
     assert (read(tmp_path / "forest" / "footprint.tif").filled(0) != before).any()
+    assert "--sketch" in grow(tmp_path / "forest", "--seed", "6", expect=2)
     # neither other shares nor the same import again forget them
     grow(tmp_path / "forest", "--shares", "redwood=0.3")
     assert manifest()["stages"]["canopy"]["parameters"]["learned"]["stand_height_m"] == 8
