@@ -90,10 +90,10 @@ pub fn run(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
     };
     let name = workload.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned());
     let folder = tempfile::tempdir().map_err(|source| failed("temporary folder", source))?;
-    let mut prepared = prepare(workload, arguments, folder.path(), reporter)?;
+    let prepared = prepare(workload, arguments, folder.path(), reporter)?;
     let mut runs = Vec::new();
     for _ in 0..arguments.repeat {
-        runs.push(match &mut prepared {
+        runs.push(match &prepared {
             Prepared::Terrain(terrain) => abiotic_maps(terrain, reporter)?,
             Prepared::Canopy(canopy) => canopy_trees(canopy, reporter)?,
             Prepared::Ground(ground) => learned(ground, arguments.onnx, reporter)?,
@@ -316,7 +316,9 @@ fn dense_undergrowth(reporter: &Reporter) -> Result<Community, Error> {
     Ok(community)
 }
 
-fn simulated_year(community: &mut Community) -> Value {
+/// The year after, the same one each time.
+fn simulated_year(community: &Community) -> Value {
+    let mut community = community.clone();
     let started = Instant::now();
     let figures = community.live_a_year();
     let seconds = started.elapsed().as_secs_f64();

@@ -20,6 +20,7 @@ use crate::species::Biome;
 
 /// Live plants of a plot under a canopy that does not change: one array a measure, places in metres from the plot's
 /// north-west corner.
+#[derive(Clone)]
 pub struct Community {
     plot: Plot,
     parameters: Parameters,

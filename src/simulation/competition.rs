@@ -94,14 +94,14 @@ impl Tile {
                 let traits = &traits[usize::from(plant.species)];
                 let (keep, need_mm) = (traits.passed_light_fraction, traits.need_mm);
                 let mut got = Shares::default();
-                cells.walk(plot, plant.disk, |cells, cell, count| {
+                cells.walk(plot, plant.disk, |cells, cell| {
                     let moisture_mm = &plot.ground[cells.ground[cell] as usize].moisture_mm;
                     let (light, taken_mm) = (cells.light[cell], cells.taken_mm[cell]);
                     got.light += light;
                     for (sum, there_mm) in got.water_mm.iter_mut().zip(moisture_mm) {
                         *sum += (there_mm - taken_mm).max(0.0).min(need_mm);
                     }
-                    got.cells += count;
+                    got.cells += 1.0;
                     cells.light[cell] = light * keep;
                     cells.taken_mm[cell] = taken_mm + need_mm;
                     cells.plants[cell] = cells.plants[cell].saturating_add(1);
@@ -111,7 +111,7 @@ impl Tile {
             .collect();
         cells.count_shares();
         for (plant, got) in plants.zip(&mut shares) {
-            cells.walk(plot, plant.disk, |cells, cell, _| {
+            cells.walk(plot, plant.disk, |cells, cell| {
                 let moisture_mm = &plot.ground[cells.ground[cell] as usize].moisture_mm;
                 let (taken_mm, share) = (cells.taken_mm[cell], cells.share[cell]);
                 for (sum, there_mm) in got.water_mm.iter_mut().zip(moisture_mm) {
@@ -146,16 +146,16 @@ impl CellStates {
         cells
     }
 
-    /// Visits the tile's cells under a crown: their index here, and 1.
+    /// Visits the tile's cells under a crown by their index here.
     #[inline]
-    fn walk(&mut self, plot: &Plot, disk: Disk, mut visit: impl FnMut(&mut Self, usize, f32)) {
+    fn walk(&mut self, plot: &Plot, disk: Disk, mut visit: impl FnMut(&mut Self, usize)) {
         let Tile { row: top, col: left, rows, cols } = self.tile;
         let crown_rows = disk.rows(plot.rows, plot.cell_m);
         for row in crown_rows.start.max(top)..crown_rows.end.min(top + rows) {
             let crown_cols = disk.cols(row, plot.cols, plot.cell_m);
             let line = (row - top) * cols;
             for col in crown_cols.start.max(left)..crown_cols.end.min(left + cols) {
-                visit(self, line + col - left, 1.0);
+                visit(self, line + col - left);
             }
         }
     }

@@ -106,7 +106,13 @@ impl Plot {
         };
         let is_canopy = |index: &usize| canopy.layer[*index] == Layer::Canopy;
         let trees: Vec<CanopyTree> = (0..canopy.len()).filter(is_canopy).map(tree).collect();
-        Self::new([frame.rows, frame.cols], ground_cell_m, ground, &trees, biome, parameters)
+        let mut plot =
+            Self::new([frame.rows, frame.cols], ground_cell_m, ground, &trees, biome, parameters);
+        // places are below 10⁹ cells
+        let number = |m: f64| (m / f64::from(plot.cell_m)).round() as i64;
+        let corner = frame.transform;
+        (plot.first_east, plot.first_south) = (number(corner.west_m), number(-corner.north_m));
+        plot
     }
 
     /// A plot of `ground_rows` × `ground_cols` terrain cells, `ground_cell_m` wide, under a canopy.

@@ -5,14 +5,18 @@ use super::{GrowthCurve, Parameters};
 use crate::math;
 use crate::raster::MONTHS;
 use crate::species::niche::{self, Niche, Tolerance};
-use crate::species::{Biome, PowerLaw};
+use crate::species::{Biome, Species};
 
 /// Steps of the table to one half width of a tolerance. Chosen: straight lines between them miss by less than 10⁻⁵.
 const STEPS: usize = 512;
 /// Half widths that the table reaches; farther out adaptation is all stress.
 const REACH: usize = 2;
 
+/// Shade share of plants that grow under a canopy or under each other.
+const AMONG_OTHERS: f32 = 1.0;
+
 /// Adaptation by distance from the ideal in half widths.
+#[derive(Clone)]
 pub struct AdaptationTable {
     values: Vec<f32>,
 }
@@ -47,6 +51,7 @@ impl Scaled {
 }
 
 /// A species in the simulation.
+#[derive(Clone)]
 pub struct Traits {
     pub sun_h: Scaled,
     pub moisture_mm: Scaled,
@@ -64,17 +69,14 @@ pub struct Traits {
     pub seed_weight: f32,
     /// One bit a sub-biome that it grows in.
     pub sub_biomes: u32,
-    max_age_years: f32,
-    max_height_m: f32,
-    height_curve_q: f32,
     growth: GrowthCurve,
-    crown_radius: PowerLaw,
+    species: Species,
 }
 
 impl Traits {
     /// Traits of every species of a biome.
     pub fn of(biome: &Biome, parameters: &Parameters) -> Vec<Self> {
-        let of_species = |species: &crate::species::Species| {
+        let of_species = |species: &Species| {
             let season = species.growing_season;
             let month_years = 1.0 / f32::from(season.months());
             let years = |month: usize| {
@@ -95,11 +97,8 @@ impl Traits {
                     ),
                 seed_weight: math::powf(species.max_age_years, -parameters.lifespan_exponent),
                 sub_biomes: species.sub_biomes.iter().fold(0, |bits, index| bits | 1 << index),
-                max_age_years: species.max_age_years,
-                max_height_m: species.max_height_m,
-                height_curve_q: species.height_curve_q,
                 growth: parameters.growth,
-                crown_radius: species.crown.radius.typical,
+                species: species.clone(),
             }
         };
         biome.species.iter().map(of_species).collect()
@@ -110,13 +109,14 @@ impl Traits {
     /// # Reference
     /// Kapp et al. 2020, Eqs. 2–3; Peytavie et al. 2024, Eq. 2.
     pub fn size_m(&self, idealized_age_years: f32) -> [f32; 2] {
-        let share = (idealized_age_years / self.max_age_years).clamp(0.0, 1.0);
-        let rise = match self.growth {
-            GrowthCurve::Smoothstep => math::smoothstep(share),
-            GrowthCurve::Saturating => 2.0 / (1.0 + math::exp(self.height_curve_q * share)) - 1.0,
+        let species = &self.species;
+        let height_m = match self.growth {
+            GrowthCurve::Smoothstep => {
+                species.max_height_m * math::smoothstep(idealized_age_years / species.max_age_years)
+            }
+            GrowthCurve::Saturating => species.height_at_age_m(idealized_age_years, AMONG_OTHERS),
         };
-        let height_m = rise * self.max_height_m;
-        [height_m, self.crown_radius.at_m(height_m)]
+        [height_m, species.crown_radius_m(height_m)]
     }
 }
 
