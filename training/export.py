@@ -137,7 +137,7 @@ def write_card(stage, state, onnx_path, figures, data, card_path):
         config["begin_with"] = pathlib.Path(config["begin_with"]).parent.name
     lines += [f"{key} = {text(value)}" for key, value in config.items()]
     if figures:
-        lines += ["", "# Held-out figures by training/evaluate.py; SJER and HARV. models/figures.md has all of them."]
+        lines += ["", "# Held-out figures by training/evaluate.py, means over the training seeds; SJER and HARV. models/figures.md has all of them."]
         lines += ["[figures]"] + [f"{text(key)} = {text(value)}" for key, value in figures.items()]
     card_path.write_text("\n".join(lines) + "\n")
 

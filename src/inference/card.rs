@@ -8,7 +8,7 @@ use super::InferenceError;
 const FORMAT: i64 = 2;
 /// Cell size that networks are fed, m.
 pub const CELL_M: f64 = 4.0;
-/// A network trained on cells as near as this serves. chosen: pairs of 3.6 m were trained on as if of 4 m.
+/// A network trained on cells as near as this serves. chosen: crowns a seventh wider or narrower are as plausible.
 const MOST_CELL_MISS_FRACTION: f64 = 0.15;
 /// Sides and halos beyond this are no network of ours, cells.
 const MOST_CELLS: usize = 4096;

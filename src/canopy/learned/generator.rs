@@ -219,7 +219,7 @@ mod tests {
     use super::*;
     use crate::inference::RuntimeChoice;
     use crate::math;
-    use crate::raster;
+    use crate::raster::Cell;
 
     fn generators() -> Generators {
         let runtimes = Runtimes { choice: RuntimeChoice::Rten, ..Runtimes::default() };
@@ -244,8 +244,7 @@ mod tests {
 
     fn cover(footprint: &Grid<bool>, cols: std::ops::Range<usize>) -> f64 {
         let frame = footprint.frame();
-        let cells =
-            (0..frame.rows).flat_map(|row| cols.clone().map(move |col| raster::Cell { row, col }));
+        let cells = (0..frame.rows).flat_map(|row| cols.clone().map(move |col| Cell { row, col }));
         let (canopy, all) =
             cells.fold((0, 0), |(canopy, all), c| (canopy + usize::from(footprint[c]), all + 1));
         canopy as f64 / f64::from(all)
