@@ -20,7 +20,7 @@ use crate::pipeline::grow::{self, CanopyInput, CanopyRequest};
 use crate::pipeline::{Error, import};
 use crate::progress::{Reporter, peak_memory_mib, reset_peak_memory};
 use crate::raster::Grid;
-use crate::simulation::{Community, Parameters, Plot};
+use crate::simulation::{CellWindow, Community, Parameters, Plot};
 use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::terrain::generate::{self as landscape, GenerateParams};
@@ -307,7 +307,13 @@ fn dense_undergrowth(reporter: &Reporter) -> Result<Community, Error> {
     let grown = grow::grow(&input, Shares::default(), 1, &request, &reporter)?;
     let maps = abiotics::run(&terrain, &biome.climate, &abiotics::Params::default(), &reporter)?;
     let parameters = Parameters::kapp2020();
-    let plot = Plot::of(&maps, &grown.plants, &biome, &parameters);
+    let plot = Plot::of(
+        &maps,
+        &grown.plants,
+        &biome,
+        &parameters,
+        &CellWindow::all(maps.slope_rad.frame()),
+    );
     let mut community = Community::new(plot, &biome, parameters, 1);
     for _ in 0..DENSE_AFTER_YEARS {
         reporter.check_cancelled()?;

@@ -3,7 +3,14 @@
 /// How height follows from idealized age.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GrowthCurve {
-    /// Smoothstep to the greatest height at the greatest age (Kapp 2020, Eq. 3, which prints −2x³ + 3x³ for 3x² − 2x³).
+    /// Smoothstep to the greatest height at the greatest age (Kapp 2020, Eq. 3, which prints −2x³ + 3x³ for 3x² − 2x³);
+    /// herbs saturate.
+    ///
+    /// # Departures
+    /// By Eq. 3 a fern that may live for five years has a tenth of its height in its first year, in which six of ten die
+    /// (survivors 0.01): the median fern of a redwood stand had no height, and all ferns together covered 3 % of the
+    /// ground. Herbs spread from rhizomes and have their height in the second year, so theirs is the curve of their
+    /// species (Peytavie 2024, Eq. 2).
     Smoothstep,
     /// Saturating (Peytavie 2024, Eq. 2), as the species file has it.
     Saturating,
@@ -20,6 +27,8 @@ pub struct Parameters {
     pub survivors_fraction: f32,
     /// Height by age.
     pub growth: GrowthCurve,
+    /// Height at which a plant under the open sky would be canopy, m; the canopy is fixed, so it dies.
+    pub open_limit_m: f32,
     /// Chance that a seed sprouts in a cell in a year, for each canopy tree near.
     pub seed_chance_per_year: f32,
     /// Distance up to which that chance holds, in crown radii of the tree.
@@ -35,13 +44,15 @@ impl Parameters {
     ///
     /// # Reference
     /// Kapp et al. 2020, section 6.1: cells of 20 cm, three months of the greatest stress (0.2) in the pool, survivors
-    /// 0.01, seeding 0.003 flat to 4 r and falling to 0 at 12 r, exponent 1.2.
+    /// 0.01, seeding 0.003 flat to 4 r and falling to 0 at 12 r, exponent 1.2. Where no crown stands above, undergrowth ends
+    /// at the least height of canopy, 3 m: taller plants there would have been seen from above.
     pub fn kapp2020() -> Self {
         Self {
             cell_m: 0.2,
             pool_capacity: 0.6,
             survivors_fraction: 0.01,
             growth: GrowthCurve::Smoothstep,
+            open_limit_m: 3.0,
             seed_chance_per_year: 0.003,
             seed_flat_radii: 4.0,
             seed_reach_radii: 12.0,
@@ -59,6 +70,7 @@ impl Parameters {
             cell_m: 0.5,
             pool_capacity: 1.0,
             growth: GrowthCurve::Saturating,
+            open_limit_m: f32::INFINITY,
             seed_chance_per_year: 0.005,
             ..Self::kapp2020()
         }

@@ -1,12 +1,14 @@
 //! Plot: the ground that plants compete on, and the canopy that stands over it and does not change.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::Parameters;
 use super::seedbank::{self, Seeds};
 use crate::abiotics::AbioticMaps;
 use crate::plants::{Layer, Plants};
-use crate::raster::MONTHS;
+use crate::raster::{Frame, MONTHS};
 use crate::species::Biome;
 
 /// What a terrain cell offers, month by month from January.
@@ -46,7 +48,7 @@ pub(super) struct CanopyCell {
     pub light_fraction: f32,
     /// Water that its trees take before all others, mm a month.
     pub taken_mm: f32,
-    /// Height of its underside, m.
+    /// Height of its underside, or of what would be canopy where there is none, m.
     pub base_m: f32,
     /// Number of its trees over the cell.
     pub trees: u16,
@@ -54,6 +56,22 @@ pub(super) struct CanopyCell {
 
 const OPEN: CanopyCell =
     CanopyCell { light_fraction: 1.0, taken_mm: 0.0, base_m: f32::INFINITY, trees: 0 };
+
+/// A rectangle of a scene's cells.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CellWindow {
+    /// Rows, from the north.
+    pub rows: Range<usize>,
+    /// Columns, from the west.
+    pub cols: Range<usize>,
+}
+
+impl CellWindow {
+    /// All of a frame.
+    pub fn all(frame: &Frame) -> Self {
+        Self { rows: 0..frame.rows, cols: 0..frame.cols }
+    }
+}
 
 /// Ground and canopy of a rectangle; rows count southwards.
 #[derive(Clone, Debug)]
@@ -82,23 +100,41 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// The plot of a scene: its abiotic maps and its canopy trees.
-    pub fn of(maps: &AbioticMaps, canopy: &Plants, biome: &Biome, parameters: &Parameters) -> Self {
+    /// The plot of a scene, or of a window of its cells: abiotic maps and canopy trees, those beyond the rim included as far
+    /// as their crowns and seeds reach.
+    ///
+    /// # Panics
+    /// If the window is not within the maps.
+    pub fn of(
+        maps: &AbioticMaps,
+        canopy: &Plants,
+        biome: &Biome,
+        parameters: &Parameters,
+        window: &CellWindow,
+    ) -> Self {
         let frame = maps.slope_rad.frame();
-        let (ground_cell_m, height_m) = (frame.cell_m(), frame.rows as f32 * frame.cell_m());
-        let cell = |index: usize| GroundCell {
-            sun_h: std::array::from_fn(|month| maps.sunlight_h.month(month)[index]),
-            moisture_mm: std::array::from_fn(|month| maps.moisture_mm.month(month)[index]),
-            temperature_c: std::array::from_fn(|month| maps.temperature_c.at(month, index)),
-            slope_rad: maps.slope_rad.values()[index],
+        let ground_cell_m = frame.cell_m();
+        let CellWindow { rows, cols } = window;
+        assert!(rows.end <= frame.rows && cols.end <= frame.cols, "the window leaves the maps");
+        let cell = |index: usize| {
+            let index =
+                (rows.start + index / cols.len()) * frame.cols + cols.start + index % cols.len();
+            GroundCell {
+                sun_h: std::array::from_fn(|month| maps.sunlight_h.month(month)[index]),
+                moisture_mm: std::array::from_fn(|month| maps.moisture_mm.month(month)[index]),
+                temperature_c: std::array::from_fn(|month| maps.temperature_c.at(month, index)),
+                slope_rad: maps.slope_rad.values()[index],
+            }
         };
-        let ground = (0..frame.len()).into_par_iter().map(cell).collect();
+        let ground = (0..rows.len() * cols.len()).into_par_iter().map(cell).collect();
+        let (west_m, north_m) =
+            (cols.start as f32 * ground_cell_m, (frame.rows - rows.start) as f32 * ground_cell_m);
         let tree = |index: usize| {
             let species = &biome.species[usize::from(canopy.species[index])];
             CanopyTree {
                 species: canopy.species[index],
-                east_m: canopy.east_m[index],
-                south_m: height_m - canopy.north_m[index],
+                east_m: canopy.east_m[index] - west_m,
+                south_m: north_m - canopy.north_m[index],
                 crown_radius_m: canopy.crown_radius_m[index],
                 height_m: canopy.height_m[index],
                 crown_base_m: species.crown_base_m(canopy.height_m[index], 1.0),
@@ -107,11 +143,12 @@ impl Plot {
         let is_canopy = |index: &usize| canopy.layer[*index] == Layer::Canopy;
         let trees: Vec<CanopyTree> = (0..canopy.len()).filter(is_canopy).map(tree).collect();
         let mut plot =
-            Self::new([frame.rows, frame.cols], ground_cell_m, ground, &trees, biome, parameters);
+            Self::new([rows.len(), cols.len()], ground_cell_m, ground, &trees, biome, parameters);
         // places are below 10⁹ cells
         let number = |m: f64| (m / f64::from(plot.cell_m)).round() as i64;
         let corner = frame.transform;
-        (plot.first_east, plot.first_south) = (number(corner.west_m), number(-corner.north_m));
+        plot.first_east = number(corner.west_m + f64::from(west_m));
+        plot.first_south = number(-corner.north_m + rows.start as f64 * corner.cell_m);
         plot
     }
 
@@ -160,6 +197,8 @@ impl Plot {
         for tree in canopy {
             plot.shade(tree, biome);
         }
+        let open = plot.canopy.iter_mut().filter(|cell| cell.trees == 0);
+        open.for_each(|cell| cell.base_m = parameters.open_limit_m);
         plot
     }
 
@@ -169,6 +208,12 @@ impl Plot {
         let need_mm = super::traits::least_water_mm(&species.niche);
         let crown =
             Disk { east_m: tree.east_m, south_m: tree.south_m, radius_m: tree.crown_radius_m };
+        let beyond = |at_m: f32, cells: usize| {
+            at_m < -tree.crown_radius_m || at_m > cells as f32 * self.cell_m + tree.crown_radius_m
+        };
+        if beyond(tree.east_m, self.cols) || beyond(tree.south_m, self.rows) {
+            return;
+        }
         for row in crown.rows(self.rows, self.cell_m) {
             for col in crown.cols(row, self.cols, self.cell_m) {
                 let cell = &mut self.canopy[row * self.cols + col];
@@ -211,19 +256,19 @@ pub(super) struct Disk {
 impl Disk {
     /// Rows with cells of it: those whose middle it reaches, and that of its own middle.
     #[inline]
-    pub fn rows(&self, rows: usize, cell_m: f32) -> std::ops::Range<usize> {
+    pub fn rows(&self, rows: usize, cell_m: f32) -> Range<usize> {
         span(self.south_m, self.radius_m, rows, cell_m)
     }
 
     /// Columns of all rows together.
     #[inline]
-    pub fn all_cols(&self, cols: usize, cell_m: f32) -> std::ops::Range<usize> {
+    pub fn all_cols(&self, cols: usize, cell_m: f32) -> Range<usize> {
         span(self.east_m, self.radius_m, cols, cell_m)
     }
 
     /// Columns of a row whose middles it covers; in the row of its middle at least that.
     #[inline]
-    pub fn cols(&self, row: usize, cols: usize, cell_m: f32) -> std::ops::Range<usize> {
+    pub fn cols(&self, row: usize, cols: usize, cell_m: f32) -> Range<usize> {
         let south_m = (row as f32 + 0.5) * cell_m - self.south_m;
         let half_m = (self.radius_m * self.radius_m - south_m * south_m).max(0.0).sqrt();
         let own_row = south_m.abs() <= 0.5 * cell_m;
@@ -240,7 +285,7 @@ impl Disk {
 
 /// Cells whose middles lie within `half_m` of a place.
 #[inline]
-fn middles(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> std::ops::Range<usize> {
+fn middles(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> Range<usize> {
     // `as` cuts negatives to 0
     let first = ((at_m - half_m) / cell_m + 0.5).max(0.0) as usize;
     let end = ((at_m + half_m) / cell_m + 0.5).max(0.0) as usize;
@@ -249,7 +294,7 @@ fn middles(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> std::ops::Range
 
 /// The same, and at least the cell of the place itself.
 #[inline]
-fn span(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> std::ops::Range<usize> {
+fn span(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> Range<usize> {
     let covered = middles(at_m, half_m, cells, cell_m);
     let own = ((at_m / cell_m).max(0.0) as usize).min(cells - 1);
     if covered.is_empty() { own..own + 1 } else { covered.start.min(own)..covered.end.max(own + 1) }
@@ -315,6 +360,6 @@ mod tests {
         let keep = 1.0 - biome.species[species].absorbed_light_fraction;
         assert_eq!((at(5.0).light_fraction, at(5.0).trees, at(5.0).base_m), (keep, 1, 6.0));
         assert_eq!((at(10.0).light_fraction, at(10.0).trees), (keep * keep, 2));
-        assert_eq!(at(1.0), OPEN);
+        assert_eq!(at(1.0), CanopyCell { base_m: 3.0, ..OPEN });
     }
 }

@@ -5,7 +5,7 @@ use super::{GrowthCurve, Parameters};
 use crate::math;
 use crate::raster::MONTHS;
 use crate::species::niche::{self, Niche, Tolerance};
-use crate::species::{Biome, Species};
+use crate::species::{Biome, Form, Species};
 
 /// Steps of the table to one half width of a tolerance. Chosen: straight lines between them miss by less than 10⁻⁵.
 const STEPS: usize = 512;
@@ -97,7 +97,10 @@ impl Traits {
                     ),
                 seed_weight: math::powf(species.max_age_years, -parameters.lifespan_exponent),
                 sub_biomes: species.sub_biomes.iter().fold(0, |bits, index| bits | 1 << index),
-                growth: parameters.growth,
+                growth: match species.form {
+                    Form::Herb => GrowthCurve::Saturating,
+                    _ => parameters.growth,
+                },
                 species: species.clone(),
             }
         };
@@ -155,7 +158,8 @@ mod tests {
             {
                 assert!((traits.years_a_month.iter().sum::<f32>() - 1.0).abs() < 1e-5);
                 let [height_m, radius_m] = traits.size_m(species.max_age_years);
-                assert_eq!(height_m, species.max_height_m);
+                let least = if species.form == Form::Herb { 0.99 } else { 1.0 };
+                assert!((least..=1.0).contains(&(height_m / species.max_height_m)), "{name}");
                 assert_eq!(radius_m, species.crown_radius_m(height_m));
                 assert_eq!(traits.size_m(0.0), [0.0, 0.0]);
             }
@@ -165,9 +169,20 @@ mod tests {
     #[test]
     fn smoothstep_is_used_as_meant_not_as_printed() {
         let biome = Biome::builtin("sonoma").unwrap();
-        let (traits, species) = (Traits::of(&biome, &Parameters::kapp2020()), &biome.species[0]);
+        let index = biome.species_index("tanoak").unwrap();
+        let (traits, species) =
+            (Traits::of(&biome, &Parameters::kapp2020()), &biome.species[index]);
         // printed, −2x³ + 3x³ = x³ is an eighth at half age
-        let [height_m, _] = traits[0].size_m(0.5 * species.max_age_years);
+        let [height_m, _] = traits[index].size_m(0.5 * species.max_age_years);
         assert!((height_m / species.max_height_m - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn ferns_have_most_of_their_height_in_the_second_year() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let index = biome.species_index("western-swordfern").unwrap();
+        let [height_m, _] = Traits::of(&biome, &Parameters::kapp2020())[index].size_m(2.0);
+        // the smoothstep of Eq. 3 has 0.42 m
+        assert!((height_m - 1.0).abs() < 0.05, "{height_m}");
     }
 }
