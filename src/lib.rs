@@ -21,3 +21,4 @@ pub mod scene;
 pub mod simulation;
 pub mod species;
 pub mod terrain;
+pub mod undergrowth;

@@ -39,6 +39,16 @@ pub enum Process {
     Germination = 40,
     /// Whether a plant lives through a year.
     PlantDeath = 41,
+    /// First centres of clusters.
+    Clustering = 50,
+    /// Number of undergrowth plants in a cell.
+    UndergrowthCount = 51,
+    /// Species, size and places to try of an undergrowth plant.
+    UndergrowthPlant = 52,
+    /// Changes that refinement tries.
+    UndergrowthRefinement = 53,
+    /// Made-up ground that statistics are simulated on.
+    StatisticsPlot = 54,
     /// Points that tests strew.
     StrewnPoints = 92,
 }

@@ -7,6 +7,7 @@ mod demo;
 mod doctor;
 mod grow;
 mod import;
+mod statistics;
 mod terminal;
 
 use std::process::ExitCode;
@@ -55,6 +56,8 @@ enum Command {
     Import(import::ImportArguments),
     /// Grow canopy trees on terrain: from a sketch by trained networks, a measured canopy height model or a point cloud.
     Grow(Box<grow::GrowArguments>),
+    /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (an hour or so).
+    Statistics(statistics::StatisticsArguments),
     /// Run standard workloads, one JSON line each.
     Bench(bench::BenchArguments),
     /// Say what was found on this machine.
@@ -89,6 +92,7 @@ pub fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(arguments, shared, &reporter),
         Command::Import(arguments) => import::run(arguments, shared, &reporter),
         Command::Grow(arguments) => grow::run(arguments, shared, &reporter),
+        Command::Statistics(arguments) => statistics::run(arguments, shared, &reporter),
         Command::Bench(arguments) => bench::run(arguments, &reporter),
         Command::Doctor => doctor::run(shared.json),
     };

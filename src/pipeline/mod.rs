@@ -13,6 +13,7 @@ mod measured_canopy;
 mod onto_scene;
 mod paint;
 mod scene_files;
+pub mod statistics;
 
 use crate::canopy::shares::ShareError;
 use crate::inference::InferenceError;

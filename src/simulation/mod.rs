@@ -25,4 +25,4 @@ mod traits;
 
 pub use community::{Community, YearFigures};
 pub use parameters::{GrowthCurve, Parameters};
-pub use plot::{CanopyTree, CellWindow, Plot};
+pub use plot::{CanopyTree, CellWindow, Plot, disk_span};

@@ -278,14 +278,14 @@ impl Disk {
         if own_row {
             span(self.east_m, half_m, cols, cell_m)
         } else {
-            middles(self.east_m, half_m, cols, cell_m)
+            disk_span(self.east_m, half_m, cols, cell_m)
         }
     }
 }
 
-/// Cells whose middles lie within `half_m` of a place.
+/// Cells of a line, `cell_m` wide, whose middles lie within `half_m` of a place.
 #[inline]
-fn middles(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> Range<usize> {
+pub fn disk_span(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> Range<usize> {
     // `as` cuts negatives to 0
     let first = ((at_m - half_m) / cell_m + 0.5).max(0.0) as usize;
     let end = ((at_m + half_m) / cell_m + 0.5).max(0.0) as usize;
@@ -295,7 +295,7 @@ fn middles(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> Range<usize> {
 /// The same, and at least the cell of the place itself.
 #[inline]
 fn span(at_m: f32, half_m: f32, cells: usize, cell_m: f32) -> Range<usize> {
-    let covered = middles(at_m, half_m, cells, cell_m);
+    let covered = disk_span(at_m, half_m, cells, cell_m);
     let own = ((at_m / cell_m).max(0.0) as usize).min(cells - 1);
     if covered.is_empty() { own..own + 1 } else { covered.start.min(own)..covered.end.max(own + 1) }
 }

@@ -1,0 +1,175 @@
+//! Clustering: pieces of ground that are alike in their abiotic conditions.
+//!
+//! # Reference
+//! Kapp et al. 2020, section 6.2: k-means for each combination of sub-biomes; Arthur and Vassilvitskii 2007, "k-means++".
+
+use rayon::prelude::*;
+
+use super::conditions::{Abiotics, DIMENSIONS};
+use crate::rng::{self, Key, Process};
+
+/// Rounds of Lloyd's algorithm at most. Chosen: centres move by less than a thousandth of the range after twenty.
+const ROUNDS: usize = 40;
+
+/// Distances in units that make the conditions of a biome's samples equally wide.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Scale {
+    /// Range of each condition over the samples.
+    pub range: Abiotics,
+}
+
+impl Scale {
+    /// The range of samples; conditions that do not vary count as one wide.
+    pub fn of(samples: impl Iterator<Item = Abiotics>) -> Self {
+        let (mut least, mut most) = ([f32::INFINITY; DIMENSIONS], [f32::NEG_INFINITY; DIMENSIONS]);
+        for sample in samples {
+            for (axis, value) in sample.into_iter().enumerate() {
+                least[axis] = least[axis].min(value);
+                most[axis] = most[axis].max(value);
+            }
+        }
+        let wide = |axis: usize| {
+            let range = most[axis] - least[axis];
+            if range > 0.0 { range } else { 1.0 }
+        };
+        Self { range: std::array::from_fn(wide) }
+    }
+
+    /// Square of the distance.
+    #[inline]
+    pub fn square_distance(&self, a: &Abiotics, b: &Abiotics) -> f32 {
+        let mut sum = 0.0;
+        for axis in 0..DIMENSIONS {
+            let apart = (a[axis] - b[axis]) / self.range[axis];
+            sum += apart * apart;
+        }
+        sum
+    }
+
+    /// Index of the nearest centre, the first of several as near.
+    ///
+    /// # Panics
+    /// If there is none.
+    #[inline]
+    pub fn nearest<'a>(
+        &self,
+        at: &Abiotics,
+        centres: impl Iterator<Item = (usize, &'a Abiotics)>,
+    ) -> usize {
+        let mut best = (f32::INFINITY, None);
+        for (index, centre) in centres {
+            let away = self.square_distance(at, centre);
+            if best.1.is_none() || away < best.0 {
+                best = (away, Some(index));
+            }
+        }
+        best.1.expect("there is a cluster to be near to")
+    }
+}
+
+/// `count` centres of samples, or fewer where there are fewer different samples.
+pub fn centres(samples: &[Abiotics], scale: &Scale, count: usize, seed: u64) -> Vec<Abiotics> {
+    let mut centres = first_centres(samples, scale, count, seed);
+    for _ in 0..ROUNDS {
+        let nearest: Vec<usize> = samples
+            .par_iter()
+            .map(|sample| scale.nearest(sample, centres.iter().enumerate()))
+            .collect();
+        let mut sums = vec![([0.0_f64; DIMENSIONS], 0_usize); centres.len()];
+        for (sample, centre) in samples.iter().zip(&nearest) {
+            let (sum, count) = &mut sums[*centre];
+            sum.iter_mut().zip(sample).for_each(|(sum, value)| *sum += f64::from(*value));
+            *count += 1;
+        }
+        let moved: Vec<Abiotics> =
+            (sums.iter().zip(&centres))
+                .map(|((sum, count), centre)| {
+                    if *count == 0 { *centre } else { sum.map(|sum| (sum / *count as f64) as f32) }
+                })
+                .collect();
+        let most = (moved.iter().zip(&centres))
+            .map(|(a, b)| scale.square_distance(a, b))
+            .fold(0.0, f32::max);
+        centres = moved;
+        if most < 1e-6 {
+            break;
+        }
+    }
+    centres
+}
+
+/// Samples far from each other: each next one is drawn by the square of its distance to those before.
+fn first_centres(samples: &[Abiotics], scale: &Scale, count: usize, seed: u64) -> Vec<Abiotics> {
+    let draw = |entity: u64| {
+        let key = Key { seed, process: Process::Clustering, year: 0, month: 0, entity };
+        f64::from(rng::uniforms(key)[0])
+    };
+    let Some(last) = samples.len().checked_sub(1) else { return Vec::new() };
+    let first = ((draw(0) * samples.len() as f64) as usize).min(last);
+    let mut centres = vec![samples[first]];
+    let mut away: Vec<f32> = vec![f32::INFINITY; samples.len()];
+    while centres.len() < count {
+        let newest = centres[centres.len() - 1];
+        away.par_iter_mut().zip(samples).for_each(|(away, sample)| {
+            *away = away.min(scale.square_distance(sample, &newest));
+        });
+        let total: f64 = away.iter().map(|away| f64::from(*away)).sum();
+        if total <= 0.0 {
+            break;
+        }
+        let mut left = draw(centres.len() as u64) * total;
+        let chosen = away.iter().position(|away| {
+            left -= f64::from(*away);
+            left < 0.0
+        });
+        centres.push(samples[chosen.unwrap_or(last)]);
+    }
+    centres
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Samples around three places.
+    fn three_places() -> Vec<Abiotics> {
+        let places = [[2.0, 20.0, 10.0, 0.0], [8.0, 20.0, 10.0, 0.3], [8.0, 150.0, 14.0, 0.1]];
+        (0..900)
+            .map(|index| {
+                let key = Key {
+                    seed: 3,
+                    process: Process::StrewnPoints,
+                    year: 0,
+                    month: 0,
+                    entity: index,
+                };
+                let apart = rng::uniforms(key);
+                let place: Abiotics = places[index as usize % 3];
+                std::array::from_fn(|axis| place[axis] * (0.95 + 0.1 * apart[axis]))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn centres_are_the_means_of_what_is_alike() {
+        let samples = three_places();
+        let scale = Scale::of(samples.iter().copied());
+        let mut found = centres(&samples, &scale, 3, 1);
+        found.sort_by(|a, b| (a[0] + a[1]).total_cmp(&(b[0] + b[1])));
+        for (centre, first) in found.iter().zip(0..3) {
+            let of: Vec<_> = samples.iter().skip(first).step_by(3).collect();
+            for axis in 0..DIMENSIONS {
+                let mean = of.iter().map(|sample| sample[axis]).sum::<f32>() / 300.0;
+                assert!((centre[axis] - mean).abs() < 1e-2 * (1.0 + mean), "{found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn equal_samples_are_one_cluster() {
+        let samples = vec![[1.0, 2.0, 3.0, 0.0]; 50];
+        let scale = Scale::of(samples.iter().copied());
+        assert_eq!(centres(&samples, &scale, 4, 1), [samples[0]]);
+        assert_eq!(centres(&[], &scale, 4, 1), [[0.0; DIMENSIONS]; 0]);
+    }
+}

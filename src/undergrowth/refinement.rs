@@ -1,0 +1,611 @@
+//! Refinement: undergrowth moved, swapped and resized until plants lie to each other as the statistics say.
+//!
+//! What is lessened is the sum, over clusters, pairs of kinds and categories, of |pairs counted − pairs wanted|. A change is
+//! kept if that sum falls. Blocks of one turn work at the same time, each on the counts at the turn's beginning and its own
+//! changes since, which it weighs as if every other block of the turn made the same: so that all together do not overshoot,
+//! and the result depends on neither threads nor their order.
+//!
+//! Moves stay in the plant's cluster, swaps and changes of size are exchanges between two plants of a cluster: densities,
+//! shares and size distributions stay what sampling made them. The canopy does not change.
+//!
+//! # Reference
+//! Kapp et al. 2020, section 6.2, Disk-based refinement, doi:10.1145/3414685.3417848; Gain et al. 2017,
+//! doi:10.1111/cgf.13106.
+
+use rayon::prelude::*;
+
+use super::conditions::Conditions;
+use super::disk_distance::{self, BINS, REACH_M};
+use super::disks::{Buckets, Disks};
+use super::measures::Measures;
+use super::sampling::{Layout, Trees, Undergrowth};
+use super::statistics::{ClusterFinder, Statistics};
+use crate::progress::{Cancelled, Reporter};
+use crate::rng::{self, Key, Process};
+use crate::species::Biome;
+
+/// Farthest that a plant moves in a sweep, m. Chosen: across the categories of gap, and little against a block.
+const MOVE_M: f32 = 1.5;
+/// Sweeps at most.
+const MOST_SWEEPS: u16 = 20;
+/// A sweep that takes less than this share off the difference is the last.
+const LEAST_GAIN: f64 = 0.02;
+/// Undergrowth with a wider crown is sought apart from the rest, m.
+const WIDE_M: f32 = 0.6;
+/// Width of a block's buckets, m.
+const BUCKET_M: f32 = 2.0;
+/// Width of the buckets of trees, m.
+const TREE_BUCKET_M: f32 = 6.0;
+
+/// A rectangle of a scene, metres from its north-west corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Area {
+    /// Western edge.
+    pub west_m: f32,
+    /// Northern edge.
+    pub north_m: f32,
+    /// Eastern edge.
+    pub east_m: f32,
+    /// Southern edge.
+    pub south_m: f32,
+}
+
+impl Area {
+    fn contains(&self, [east_m, south_m]: [f32; 2]) -> bool {
+        (self.west_m..self.east_m).contains(&east_m)
+            && (self.north_m..self.south_m).contains(&south_m)
+    }
+}
+
+/// What refinement did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RefinementFigures {
+    /// Plants that could be changed.
+    pub plants: usize,
+    /// Difference from the statistics before, and after each sweep ([`Targets::difference`]).
+    pub differences: Vec<f64>,
+}
+
+/// How many pairs of each category there should be.
+pub struct Targets {
+    pairs: Vec<f32>,
+}
+
+impl Targets {
+    /// What statistics say of so many plants.
+    pub fn of(statistics: &Statistics, measures: &Measures) -> Self {
+        let species = statistics.species.len();
+        let mut pairs = vec![0.0; measures.pairs.len()];
+        for cluster in 0..statistics.clusters.len() {
+            for pair in statistics.pairs(cluster) {
+                let plants = measures.plants[cluster * species + usize::from(pair.of)] as f32;
+                let first = measures.pair(cluster, usize::from(pair.of), usize::from(pair.near));
+                for (bin, per_plant) in pair.per_plant.iter().enumerate() {
+                    pairs[first + bin] = per_plant * plants;
+                }
+            }
+        }
+        Self { pairs }
+    }
+
+    /// Sum of |pairs counted − pairs wanted| over the sum of pairs wanted.
+    pub fn difference(&self, measures: &Measures) -> f64 {
+        let (mut apart, mut wanted) = (0.0, 0.0);
+        for (count, target) in measures.pairs.iter().zip(&self.pairs) {
+            apart += (f64::from(*count) - f64::from(*target)).abs();
+            wanted += f64::from(*target);
+        }
+        if wanted > 0.0 { apart / wanted } else { 0.0 }
+    }
+}
+
+/// Refines undergrowth, or what of it stands in an area.
+///
+/// # Errors
+/// [`Cancelled`] once the run was cancelled.
+#[allow(clippy::too_many_arguments, reason = "what plants are made of, and where")]
+pub fn refine(
+    undergrowth: &mut Undergrowth,
+    conditions: &Conditions<'_>,
+    trees: &Trees,
+    statistics: &Statistics,
+    biome: &Biome,
+    area: Option<Area>,
+    seed: u64,
+    reporter: &Reporter,
+) -> Result<RefinementFigures, Cancelled> {
+    let frame = conditions.site().slope_rad.frame();
+    let layout = Layout::new(frame.rows, frame.cols, frame.cell_m());
+    let ground = Ground::new(conditions, statistics);
+    let place = |plant: usize| [undergrowth.disks.east_m[plant], undergrowth.disks.south_m[plant]];
+    let is_counted = |plant: usize| area.is_none_or(|area| area.contains(place(plant)));
+    let cluster_of: Vec<Option<u16>> = (0..undergrowth.disks.len())
+        .map(|plant| is_counted(plant).then(|| undergrowth.cluster[plant]))
+        .collect();
+    let measure = |disks: &Disks| {
+        let (clusters, species) = (statistics.clusters.len(), biome.species.len());
+        Measures::of(clusters, species, disks, &cluster_of, &trees.disks)
+    };
+    let stage = reporter.stage("refinement", 4 * u64::from(MOST_SWEEPS));
+    let mut measures = measure(&undergrowth.disks);
+    let targets = Targets::of(statistics, &measures);
+    let mut figures = RefinementFigures {
+        plants: cluster_of.iter().flatten().count(),
+        differences: vec![targets.difference(&measures)],
+    };
+    let tree_buckets = Buckets::new(&trees.disks.east_m, &trees.disks.south_m, TREE_BUCKET_M);
+    let shared = Shared {
+        layout: &layout,
+        ground: &ground,
+        trees,
+        tree_buckets: &tree_buckets,
+        widest_tree_m: trees.disks.widest_m(),
+        targets: &targets.pairs,
+        area,
+        seed,
+    };
+    for sweep in 1..=MOST_SWEEPS {
+        let mut by_block: Vec<Vec<u32>> = vec![Vec::new(); layout.rows * layout.cols];
+        for plant in 0..undergrowth.disks.len() {
+            let place = [undergrowth.disks.east_m[plant], undergrowth.disks.south_m[plant]];
+            by_block[layout.block_at(place)].push(plant as u32); // far fewer than 2³²
+        }
+        for turn in 0..4 {
+            reporter.check_cancelled()?;
+            let mut of_turn = layout.of_turn(turn);
+            of_turn.retain(|block| {
+                by_block[*block].iter().any(|plant| cluster_of[*plant as usize].is_some())
+            });
+            let weight = of_turn.len() as f32;
+            let changes: Vec<Changes> = of_turn
+                .par_iter()
+                .map(|block| {
+                    let around: Vec<u32> =
+                        layout.around(*block).flat_map(|b| by_block[b].iter().copied()).collect();
+                    let own = &by_block[*block];
+                    let mut block = Block::new(
+                        &shared,
+                        *block,
+                        own,
+                        &around,
+                        undergrowth,
+                        &cluster_of,
+                        &measures,
+                        weight,
+                    );
+                    block.sweep(sweep);
+                    block.changes()
+                })
+                .collect();
+            for change in changes {
+                change.write(undergrowth, &mut measures, &ground, frame.cell_m());
+            }
+            stage.advance(1);
+        }
+        let difference = targets.difference(&measures);
+        let before = figures.differences[figures.differences.len() - 1];
+        figures.differences.push(difference);
+        if difference > before * (1.0 - LEAST_GAIN) {
+            break;
+        }
+    }
+    debug_assert_eq!(measures, measure(&undergrowth.disks), "counts drifted");
+    Ok(figures)
+}
+
+/// Clusters of the ground.
+struct Ground {
+    cluster: Vec<u16>,
+    /// Sub-biomes that shed seeds.
+    sub_biomes: Vec<u32>,
+    rows: usize,
+    cols: usize,
+    cell_m: f32,
+}
+
+impl Ground {
+    fn new(conditions: &Conditions<'_>, statistics: &Statistics) -> Self {
+        let frame = conditions.site().slope_rad.frame();
+        let finder = ClusterFinder::new(statistics);
+        let of_cell = |cell: usize| {
+            let sub_biomes = conditions.seeds(cell).sub_biomes;
+            let clusters = finder.clusters(sub_biomes);
+            (finder.nearest(&conditions.abiotics(cell), clusters) as u16, sub_biomes)
+        };
+        let (cluster, sub_biomes) = (0..frame.len()).into_par_iter().map(of_cell).unzip();
+        let (rows, cols, cell_m) = (frame.rows, frame.cols, frame.cell_m());
+        Self { cluster, sub_biomes, rows, cols, cell_m }
+    }
+
+    fn cell_at(&self, [east_m, south_m]: [f32; 2]) -> Option<usize> {
+        if east_m < 0.0 || south_m < 0.0 {
+            return None;
+        }
+        let (row, col) = ((south_m / self.cell_m) as usize, (east_m / self.cell_m) as usize);
+        (row < self.rows && col < self.cols).then_some(row * self.cols + col)
+    }
+}
+
+/// What all blocks know.
+struct Shared<'a> {
+    layout: &'a Layout,
+    ground: &'a Ground,
+    trees: &'a Trees,
+    tree_buckets: &'a Buckets,
+    widest_tree_m: f32,
+    targets: &'a [f32],
+    area: Option<Area>,
+    seed: u64,
+}
+
+/// A plant in a block.
+#[derive(Clone, Copy)]
+struct Plant {
+    index: u32,
+    id: u64,
+    place: [f32; 2],
+    radius_m: f32,
+    height_m: f32,
+    species: u16,
+    /// None if it is seen by others only.
+    cluster: Option<u16>,
+}
+
+/// What a block changed.
+struct Changes {
+    plants: Vec<Plant>,
+    pairs: Vec<(u32, i32)>,
+}
+
+impl Changes {
+    fn write(
+        self,
+        undergrowth: &mut Undergrowth,
+        measures: &mut Measures,
+        ground: &Ground,
+        cell_m: f32,
+    ) {
+        debug_assert_eq!(ground.cell_m, cell_m);
+        for plant in self.plants {
+            let index = plant.index as usize;
+            let disks = &mut undergrowth.disks;
+            [disks.east_m[index], disks.south_m[index]] = plant.place;
+            disks.radius_m[index] = plant.radius_m;
+            disks.height_m[index] = plant.height_m;
+            disks.species[index] = plant.species;
+            if let Some(cell) = ground.cell_at(plant.place) {
+                undergrowth.cell[index] = cell as u32; // scenes have fewer cells
+            }
+        }
+        for (pair, change) in self.pairs {
+            let count = &mut measures.pairs[pair as usize];
+            *count = count.saturating_add_signed(change);
+        }
+    }
+}
+
+/// A block at work: its own plants first, then those around.
+struct Block<'a> {
+    shared: &'a Shared<'a>,
+    measures: &'a Measures,
+    weight: f32,
+    own: usize,
+    plants: Vec<Plant>,
+    narrow: Grid,
+    wide: Grid,
+    trees: Vec<u32>,
+    /// Change of each count since the turn began.
+    changed: Vec<i32>,
+    /// Change that is being tried.
+    tried: Vec<i32>,
+    /// Counts that it touches, each once.
+    touched: Vec<u32>,
+    is_touched: Vec<bool>,
+    /// Counts that were changed.
+    ever_touched: Vec<u32>,
+}
+
+/// Plants of a block by bucket.
+struct Grid {
+    corner_m: [f32; 2],
+    count: usize,
+    buckets: Vec<Vec<u32>>,
+    widest_m: f32,
+}
+
+impl Grid {
+    fn new(corner_m: [f32; 2], side_m: f32) -> Self {
+        let count = (side_m / BUCKET_M).ceil() as usize;
+        Self { corner_m, count, buckets: vec![Vec::new(); count * count], widest_m: 0.0 }
+    }
+
+    fn line(&self, at_m: f32, axis: usize) -> usize {
+        // `as` cuts negatives to 0
+        (((at_m - self.corner_m[axis]) / BUCKET_M) as usize).min(self.count - 1)
+    }
+
+    fn bucket(&self, place: [f32; 2]) -> usize {
+        self.line(place[1], 1) * self.count + self.line(place[0], 0)
+    }
+
+    fn add(&mut self, plant: u32, place: [f32; 2], radius_m: f32) {
+        let bucket = self.bucket(place);
+        self.buckets[bucket].push(plant);
+        self.widest_m = self.widest_m.max(radius_m);
+    }
+
+    fn take(&mut self, plant: u32, place: [f32; 2]) {
+        let bucket = self.bucket(place);
+        let plants = &mut self.buckets[bucket];
+        if let Some(at) = plants.iter().position(|other| *other == plant) {
+            plants.swap_remove(at);
+        }
+    }
+}
+
+impl<'a> Block<'a> {
+    #[allow(clippy::too_many_arguments, reason = "what a block works on")]
+    fn new(
+        shared: &'a Shared<'a>,
+        block: usize,
+        own: &[u32],
+        around: &[u32],
+        undergrowth: &Undergrowth,
+        cluster_of: &[Option<u16>],
+        measures: &'a Measures,
+        weight: f32,
+    ) -> Self {
+        let disks = &undergrowth.disks;
+        let of = |index: &u32| {
+            let plant = *index as usize;
+            Plant {
+                index: *index,
+                id: undergrowth.id[plant],
+                place: [disks.east_m[plant], disks.south_m[plant]],
+                radius_m: disks.radius_m[plant],
+                height_m: disks.height_m[plant],
+                species: disks.species[plant],
+                cluster: cluster_of[plant],
+            }
+        };
+        let mut plants: Vec<Plant> = own.iter().map(of).collect();
+        // what may come within reach of an own plant
+        let widest_m = plants.iter().map(|plant| plant.radius_m).fold(0.0, f32::max);
+        let corner_m = shared.layout.corner_m(block);
+        let side_m = shared.layout.side_m();
+        let is_near = |plant: &Plant| {
+            let reach_m = MOVE_M + widest_m + REACH_M + plant.radius_m;
+            (0..2).all(|axis| {
+                let from_m = plant.place[axis] - corner_m[axis];
+                from_m > -reach_m && from_m < side_m + reach_m
+            })
+        };
+        plants.extend(around.iter().map(of).filter(is_near));
+        // buckets reach as far as undergrowth may be wide; farther plants share the outermost
+        let rim_m = 8.0;
+        let grid = || Grid::new(corner_m.map(|m| m - rim_m), side_m + 2.0 * rim_m);
+        let (mut narrow, mut wide) = (grid(), grid());
+        for (plant, Plant { place, radius_m, .. }) in plants.iter().enumerate() {
+            let grid = if *radius_m > WIDE_M { &mut wide } else { &mut narrow };
+            grid.add(plant as u32, *place, *radius_m);
+        }
+        let middle = corner_m.map(|m| m + 0.5 * side_m);
+        let reach_m = 0.71 * side_m + MOVE_M + widest_m + REACH_M + shared.widest_tree_m;
+        let mut trees = Vec::new();
+        shared.tree_buckets.near(middle, reach_m, |tree| trees.push(tree as u32));
+        Self {
+            shared,
+            weight,
+            own: own.len(),
+            plants,
+            narrow,
+            wide,
+            trees,
+            changed: vec![0; measures.pairs.len()],
+            tried: vec![0; measures.pairs.len()],
+            is_touched: vec![false; measures.pairs.len()],
+            touched: Vec::new(),
+            ever_touched: Vec::new(),
+            measures,
+        }
+    }
+
+    /// Tries a change of each own plant.
+    fn sweep(&mut self, sweep: u16) {
+        for plant in 0..self.own {
+            if self.plants[plant].cluster.is_none() {
+                continue;
+            }
+            let (seed, entity) = (self.shared.seed, self.plants[plant].id);
+            let process = Process::UndergrowthRefinement;
+            let draws = rng::uniforms(Key { seed, process, year: sweep, month: 0, entity });
+            // moves and exchanges in turn, half of the plants each
+            let is_move = (sweep as usize + plant) % 2 == 0;
+            if is_move || !self.try_exchange(plant, draws) {
+                self.try_move(plant, draws);
+            }
+        }
+    }
+
+    fn try_move(&mut self, plant: usize, [east, south, ..]: [f32; 4]) {
+        let old = self.plants[plant];
+        let place = [
+            old.place[0] + (2.0 * east - 1.0) * MOVE_M,
+            old.place[1] + (2.0 * south - 1.0) * MOVE_M,
+        ];
+        let ground = self.shared.ground;
+        let (Some(from), Some(to)) = (ground.cell_at(old.place), ground.cell_at(place)) else {
+            return;
+        };
+        let is_alike = ground.cluster[to] == old.cluster.unwrap_or(u16::MAX)
+            && ground.sub_biomes[from] == ground.sub_biomes[to];
+        let is_inside = self.shared.area.is_none_or(|area| area.contains(place));
+        if !is_alike || !is_inside || self.is_in_trunk(place) {
+            return;
+        }
+        self.count(plant, -1, usize::MAX);
+        self.change(plant, Plant { place, ..old });
+        self.count(plant, 1, usize::MAX);
+        if self.is_better() {
+            self.keep();
+        } else {
+            self.change(plant, old);
+            self.forget();
+        }
+    }
+
+    /// Exchanges species and size with another plant of the cluster; gives whether there was one.
+    fn try_exchange(&mut self, plant: usize, [.., which, _]: [f32; 4]) -> bool {
+        let other = ((which * self.own as f32) as usize).min(self.own - 1);
+        let (a, b) = (self.plants[plant], self.plants[other]);
+        let ground = self.shared.ground;
+        let sub_biomes =
+            |plant: &Plant| ground.cell_at(plant.place).map(|cell| ground.sub_biomes[cell]);
+        let is_same = a.species == b.species && a.height_m == b.height_m;
+        if a.cluster != b.cluster || is_same || sub_biomes(&a) != sub_biomes(&b) {
+            return false;
+        }
+        self.count(plant, -1, usize::MAX);
+        self.count(other, -1, plant);
+        let with = |plant: Plant, of: Plant| Plant {
+            species: of.species,
+            height_m: of.height_m,
+            radius_m: of.radius_m,
+            ..plant
+        };
+        self.change(plant, with(a, b));
+        self.change(other, with(b, a));
+        self.count(plant, 1, usize::MAX);
+        self.count(other, 1, plant);
+        if self.is_better() {
+            self.keep();
+        } else {
+            self.change(plant, a);
+            self.change(other, b);
+            self.forget();
+        }
+        true
+    }
+
+    fn is_in_trunk(&self, place: [f32; 2]) -> bool {
+        let trees = &self.shared.trees;
+        self.trees.iter().any(|tree| {
+            let tree = *tree as usize;
+            let east_m = trees.disks.east_m[tree] - place[0];
+            let south_m = trees.disks.south_m[tree] - place[1];
+            east_m * east_m + south_m * south_m < trees.trunk_m[tree].powi(2)
+        })
+    }
+
+    fn change(&mut self, plant: usize, to: Plant) {
+        let old = self.plants[plant];
+        let number = plant as u32; // some thousands
+        if old.radius_m > WIDE_M {
+            self.wide.take(number, old.place);
+        } else {
+            self.narrow.take(number, old.place);
+        }
+        let grid = if to.radius_m > WIDE_M { &mut self.wide } else { &mut self.narrow };
+        grid.add(number, to.place, to.radius_m);
+        self.plants[plant] = to;
+    }
+
+    /// Adds a plant's pairs, both ways, or takes them away; but for those with one other.
+    fn count(&mut self, plant: usize, sign: i32, without: usize) {
+        let Self {
+            plants, narrow, wide, trees, measures, tried, touched, is_touched, shared, ..
+        } = self;
+        let own = plants[plant];
+        let Some(cluster) = own.cluster.map(usize::from) else { return };
+        let mut add = |index: usize| {
+            if !is_touched[index] {
+                is_touched[index] = true;
+                touched.push(index as u32); // far fewer than 2³²
+            }
+            tried[index] += sign;
+        };
+        let first = measures.pair(cluster, usize::from(own.species), 0);
+        let away_m = |place: [f32; 2]| {
+            let [east_m, south_m] = [place[0] - own.place[0], place[1] - own.place[1]];
+            (east_m * east_m + south_m * south_m).sqrt()
+        };
+        for grid in [&*narrow, &*wide] {
+            let reach_m = own.radius_m + REACH_M + grid.widest_m;
+            let [left, right] = [-reach_m, reach_m].map(|by| grid.line(own.place[0] + by, 0));
+            let [top, bottom] = [-reach_m, reach_m].map(|by| grid.line(own.place[1] + by, 1));
+            for row in top..=bottom {
+                for bucket in &grid.buckets[row * grid.count + left..=row * grid.count + right] {
+                    for other in bucket {
+                        let index = *other as usize;
+                        let other = &plants[index];
+                        let bin =
+                            disk_distance::bin(away_m(other.place), own.radius_m, other.radius_m);
+                        let Some(bin) = bin else { continue };
+                        if index == plant || index == without {
+                            continue;
+                        }
+                        add(first + usize::from(other.species) * BINS + bin);
+                        if let Some(cluster) = other.cluster {
+                            let (of, near) = (usize::from(other.species), usize::from(own.species));
+                            add(measures.pair(usize::from(cluster), of, near) + bin);
+                        }
+                    }
+                }
+            }
+        }
+        let species = measures.kinds() / 2;
+        for tree in trees.iter() {
+            let tree = *tree as usize;
+            let disks = &shared.trees.disks;
+            let away_m = away_m([disks.east_m[tree], disks.south_m[tree]]);
+            if let Some(bin) = disk_distance::bin(away_m, own.radius_m, disks.radius_m[tree]) {
+                add(first + (species + usize::from(disks.species[tree])) * BINS + bin);
+            }
+        }
+    }
+
+    /// Whether what is tried brings counts nearer to what is wanted.
+    fn is_better(&self) -> bool {
+        let mut gain = 0.0;
+        for index in &self.touched {
+            let index = *index as usize;
+            let tried = self.tried[index];
+            if tried != 0 {
+                let count = self.measures.pairs[index] as f32;
+                let now = count + self.weight * self.changed[index] as f32;
+                let then = now + self.weight * tried as f32;
+                let wanted = self.shared.targets[index];
+                gain += (now - wanted).abs() - (then - wanted).abs();
+            }
+        }
+        gain > 0.0
+    }
+
+    fn keep(&mut self) {
+        for index in self.touched.drain(..) {
+            let at = index as usize;
+            self.is_touched[at] = false;
+            if self.tried[at] != 0 {
+                self.changed[at] += self.tried[at];
+                self.ever_touched.push(index);
+                self.tried[at] = 0;
+            }
+        }
+    }
+
+    fn forget(&mut self) {
+        for index in self.touched.drain(..) {
+            self.is_touched[index as usize] = false;
+            self.tried[index as usize] = 0;
+        }
+    }
+
+    fn changes(mut self) -> Changes {
+        self.ever_touched.sort_unstable();
+        self.ever_touched.dedup();
+        let pairs = self.ever_touched.iter().map(|index| (*index, self.changed[*index as usize]));
+        let pairs = pairs.filter(|(_, change)| *change != 0).collect();
+        self.plants.truncate(self.own);
+        Changes { plants: self.plants, pairs }
+    }
+}
