@@ -39,6 +39,10 @@ pub enum Process {
     Germination = 40,
     /// Whether a plant lives through a year.
     PlantDeath = 41,
+    /// Points of Poisson-disk tiles.
+    PoissonTile = 60,
+    /// Colours of the corners between Poisson-disk tiles.
+    PoissonCorner = 61,
     /// Points that tests strew.
     StrewnPoints = 92,
 }

@@ -1,13 +1,16 @@
 //! Forest floor: grass, and what lies under trees, as maps of the terrain's resolution.
 //!
 //! Reading order: [`shading`] (what the crowns over a cell take of its light), [`grass`], [`litterfall`], `water` (where
-//! neither can be).
+//! neither can be). [`poisson_tile`] turns the maps into places of patches, with `dart_throwing` (points no nearer than a
+//! distance, until no place is left).
 //!
 //! # Reference
 //! Kapp et al. 2020, section 6.3, doi:10.1145/3414685.3417848.
 
+mod dart_throwing;
 pub mod grass;
 pub mod litterfall;
+pub mod poisson_tile;
 pub mod shading;
 mod water;
 
@@ -21,6 +24,7 @@ use crate::species::Biome;
 
 pub use grass::GrassParams;
 pub use litterfall::LitterfallParams;
+pub use poisson_tile::{FloorPoint, PoissonTiles, TilePoint};
 
 /// How the forest floor is made.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
