@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let cell = |m: &str| m.parse::<f32>().map(|m| (m / frame.cell_m()) as usize);
     let (col, row, cells) = (cell(east)?, cell(south)?, cell(size)?);
     let window = CellWindow { rows: row..row + cells, cols: col..col + cells };
-    let parameters = Parameters::kapp2020();
+    let parameters = Parameters::undergrowth(&biome);
     let plot = Plot::of(&maps, &trees, &biome, &parameters, &window);
     let mut community = Community::new(plot, &biome, parameters, 1);
     let keys: Vec<&str> = biome.species.iter().map(|s| s.key.as_str()).collect();

@@ -8,6 +8,7 @@ pub mod abiotics;
 pub mod canopy;
 pub mod cli;
 pub mod export;
+pub mod forest_floor;
 pub mod gpu;
 pub mod inference;
 pub mod io;

@@ -69,6 +69,21 @@ impl Plants {
         self.id.is_empty()
     }
 
+    /// Adds other plants after these.
+    pub fn append(&mut self, other: Self) {
+        self.id.extend(other.id);
+        self.species.extend(other.species);
+        self.layer.extend(other.layer);
+        self.east_m.extend(other.east_m);
+        self.north_m.extend(other.north_m);
+        self.z_m.extend(other.z_m);
+        self.height_m.extend(other.height_m);
+        self.crown_radius_m.extend(other.crown_radius_m);
+        self.dbh_m.extend(other.dbh_m);
+        self.age_years.extend(other.age_years);
+        self.vigor.extend(other.vigor);
+    }
+
     /// Number of plants of each species of `biome`, in its order.
     pub fn count_by_species(&self, biome: &Biome) -> Vec<usize> {
         let mut counts = vec![0; biome.species.len()];

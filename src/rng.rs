@@ -49,6 +49,10 @@ pub enum Process {
     UndergrowthRefinement = 53,
     /// Made-up ground that statistics are simulated on.
     StatisticsPlot = 54,
+    /// Points of Poisson-disk tiles.
+    PoissonTile = 60,
+    /// Colours of the corners between Poisson-disk tiles.
+    PoissonCorner = 61,
     /// Points that tests strew.
     StrewnPoints = 92,
 }

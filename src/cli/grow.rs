@@ -12,8 +12,10 @@ use crate::inference::{LibrarySearch, ModelSource, RuntimeChoice, Runtimes};
 use crate::pipeline::Error;
 use crate::pipeline::grow::{self, CanopyRequest, GroundSource, GrowRequest, STAGE};
 use crate::pipeline::learned_canopy::{LearnedRequest, PaintSource, StandHeight};
+use crate::pipeline::undergrowth::{self, Refine, UndergrowthRequest};
 use crate::plants::table::TableFormat;
 use crate::progress::Reporter;
+use crate::raster::MapWindow;
 use crate::scene::Manifest;
 
 /// What `wildwood grow` takes.
@@ -73,6 +75,18 @@ pub struct GrowArguments {
     /// Cells at least this high are canopy.
     #[arg(long, value_name = "METRES", default_value_t = CanopyRequest::default().placement.canopy_min_height_m)]
     min_height: f32,
+    /// Grow canopy trees and forest floor only.
+    #[arg(long, conflicts_with_all = ["undergrowth_statistics", "refine", "refine_area"])]
+    no_undergrowth: bool,
+    /// Statistics of your own for the undergrowth, from `wildwood statistics` [default: the biome's, built in].
+    #[arg(long, value_name = "FILE")]
+    undergrowth_statistics: Option<PathBuf>,
+    /// Move undergrowth about until plants stand to each other as simulated ones do; takes some seconds a million plants.
+    #[arg(long)]
+    refine: bool,
+    /// The same in a square only: its middle in map coordinates, and its side in metres.
+    #[arg(long, value_name = "EAST,NORTH,SIZE", conflicts_with = "refine", value_parser = square, allow_hyphen_values = true)]
+    refine_area: Option<MapWindow>,
     /// Format of the table of plants; csv is written besides parquet, which later runs read.
     #[arg(long, value_name = "FORMAT", default_value = "parquet", value_parser = table_format)]
     table: TableFormat,
@@ -90,6 +104,19 @@ fn table_format(name: &str) -> Result<TableFormat, String> {
 fn density(name: &str) -> Result<Density, String> {
     let painted = Density::from_name(name).filter(|density| *density != Density::Empty);
     painted.ok_or_else(|| "give sparse or dense".to_owned())
+}
+
+/// A square around a place, as EAST,NORTH,SIZE.
+fn square(text: &str) -> Result<MapWindow, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
+    let [east, north, size] = numbers[..] else {
+        return Err("give its middle and its side as EAST,NORTH,SIZE, three numbers".to_owned());
+    };
+    if !(size > 0.0 && [east, north, size].iter().all(|number| number.is_finite())) {
+        return Err("give a side above 0".to_owned());
+    }
+    let half = 0.5 * size;
+    Ok(MapWindow { west: east - half, south: north - half, east: east + half, north: north + half })
 }
 
 /// The canopy to generate, if one is asked for.
@@ -155,7 +182,16 @@ pub fn run(arguments: &GrowArguments, shared: &Shared, reporter: &Reporter) -> O
     canopy.placement.canopy_min_height_m = arguments.min_height;
     let chm_unit = arguments.chm_unit.map(Unit::length);
     let (chm, learned) = (arguments.chm.clone(), learned(arguments)?);
-    let request = GrowRequest { ground, chm, learned, chm_unit, canopy };
+    let refine = match (arguments.refine, arguments.refine_area) {
+        (true, _) => Some(Refine::All),
+        (false, window) => window.map(Refine::Within),
+    };
+    let undergrowth = UndergrowthRequest {
+        is_off: arguments.no_undergrowth,
+        statistics: arguments.undergrowth_statistics.clone(),
+        refine,
+    };
+    let request = GrowRequest { ground, chm, learned, chm_unit, canopy, undergrowth };
     let manifest = grow::run(&request, reporter)?;
     import::report(&folder, &manifest, shared);
     report_trees(&manifest, shared);
@@ -220,4 +256,8 @@ pub fn report_trees(manifest: &Manifest, shared: &Shared) {
         100.0 * number("overhang_fraction"),
         number("height_rmse_m"),
     ));
+    let Some(entry) = manifest.stages.get(undergrowth::STAGE) else { return };
+    let plants = entry.figures.get("plants").and_then(toml::Value::as_integer).unwrap_or(0);
+    let per_ha = entry.figures.get("plants_per_ha").and_then(toml::Value::as_float);
+    terminal::say(&format!("{plants} undergrowth plants, {:.0} a hectare", per_ha.unwrap_or(0.0)));
 }

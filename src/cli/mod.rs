@@ -9,6 +9,7 @@ mod grow;
 mod import;
 mod statistics;
 mod terminal;
+mod validate;
 
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -58,6 +59,8 @@ enum Command {
     Grow(Box<grow::GrowArguments>),
     /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (an hour or so).
     Statistics(statistics::StatisticsArguments),
+    /// Measure simulation and synthesis of undergrowth beside what ecology and the papers say (some minutes).
+    Validate,
     /// Run standard workloads, one JSON line each.
     Bench(bench::BenchArguments),
     /// Say what was found on this machine.
@@ -93,6 +96,7 @@ pub fn main() -> ExitCode {
         Command::Import(arguments) => import::run(arguments, shared, &reporter),
         Command::Grow(arguments) => grow::run(arguments, shared, &reporter),
         Command::Statistics(arguments) => statistics::run(arguments, shared, &reporter),
+        Command::Validate => validate::run(shared, &reporter),
         Command::Bench(arguments) => bench::run(arguments, &reporter),
         Command::Doctor => doctor::run(shared.json),
     };

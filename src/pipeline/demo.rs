@@ -6,8 +6,10 @@ use std::path::PathBuf;
 use super::Error;
 use super::grow::{self, CanopyInput, CanopyRequest};
 use super::import::{self, ImportRequest, ReadTerrain};
+use super::undergrowth::{self, UndergrowthInput, UndergrowthRequest};
 use crate::canopy::shares::Shares;
 use crate::canopy::site::Site;
+use crate::forest_floor::grass;
 use crate::progress::Reporter;
 use crate::scene::{self, Manifest, SceneHead, Transaction};
 use crate::species::Biome;
@@ -79,17 +81,46 @@ pub fn run(
     if let Some(text) = text {
         parameters.insert("shares".to_owned(), text.into());
     }
+    let suitability =
+        grass::suitability(&maps, &species.forest_floor, &grass::GrassParams::default());
+    let beneath = UndergrowthInput {
+        terrain: &read.terrain,
+        site: &site,
+        grass_suitability: &maps.slope_rad.with_values(suitability),
+        discharge_m3_s: &maps.discharge_m3_s,
+        allowed: read.terrain.elevation_m.mask(),
+        biome: &species,
+        canopy: &grown.plants,
+    };
+    let undergrowth_request = UndergrowthRequest::default();
+    let statistics = undergrowth_request.read_statistics(&species)?;
+    let undergrowth = undergrowth::grow(
+        &beneath,
+        statistics.as_ref().map(|s| &s.0),
+        None,
+        terrain.seed,
+        reporter,
+    )?;
     let entry = grow::write(
         &input,
         &grown,
-        maps.discharge_m3_s,
-        &canopy_request,
+        &maps.discharge_m3_s,
         (&request.folder, import::climate_name(&manifest)),
         &mut transaction,
         (String::new(), parameters),
         reporter,
     )?;
-    grow::record(&mut manifest, entry);
+    grow::record(&mut manifest, grow::STAGE, entry);
+    let entries = undergrowth::write(
+        &beneath,
+        &undergrowth,
+        &undergrowth_request,
+        canopy_request.table,
+        "",
+        &mut transaction,
+        reporter,
+    )?;
+    entries.into_iter().for_each(|(stage, entry)| grow::record(&mut manifest, stage, entry));
     reporter.check_cancelled()?;
     transaction.commit(&manifest)?;
     Ok(manifest)

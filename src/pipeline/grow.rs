@@ -3,10 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::import::{self, ImportRequest};
 use super::learned_canopy::{self, LearnedCanopy, LearnedRequest};
 use super::measured_canopy::MeasuredCanopy;
 use super::scene_files::{StageFiles, mean};
+use super::undergrowth::{self, UndergrowthInput, UndergrowthRequest};
 use super::{Error, brush, exclusion};
 use crate::canopy::brush::Brush;
 use crate::canopy::envelopes::Envelopes;
@@ -22,6 +25,7 @@ use crate::canopy::trees;
 use crate::canopy::visibility::CpuVisibility;
 use crate::canopy::working_cells::WorkingCells;
 use crate::export::preview::{CanopyLayer, PreviewMaps, PreviewOptions};
+use crate::forest_floor::grass::{GrassParams, SeasonSuitability};
 use crate::gpu::{Device, GpuChoice};
 use crate::io::{Limits, raster_file};
 use crate::plants::Plants;
@@ -101,6 +105,8 @@ pub struct GrowRequest {
     pub chm_unit: Option<crate::raster::LengthUnit>,
     /// The trees.
     pub canopy: CanopyRequest,
+    /// What grows beneath them.
+    pub undergrowth: UndergrowthRequest,
 }
 
 /// What trees are grown on, all on one frame.
@@ -138,7 +144,7 @@ pub struct GrownCanopy {
     pub gpu: Option<String>,
 }
 
-/// Grows trees, or does nothing where the scene is up to date; gives its manifest.
+/// Grows trees and undergrowth, or does nothing where the scene is up to date; gives its manifest.
 ///
 /// # Errors
 /// Bad input, a full disk, a cancelled run. Files that cannot be read and settings that cannot be are told before the folder is
@@ -169,7 +175,9 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         Some(text) => Shares::parse(text, &biome)?,
         None => Shares::default(),
     };
+    let statistics = request.undergrowth.read_statistics(&biome)?;
     let given: Vec<PathBuf> = (request.chm.iter())
+        .chain(&request.undergrowth.statistics)
         .chain(&request.canopy.exclude)
         .chain(request.canopy.brush.iter().flatten())
         .cloned()
@@ -238,7 +246,22 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
             canopy.table
         ),
     ]);
-    if manifest.is_current(&folder, STAGE, &key)? {
+    let undergrowth_key = import::key(&[
+        undergrowth::STAGE,
+        &key,
+        statistics.as_ref().map_or("", |(_, hash)| hash),
+        &format!("{:?} {:?}", request.undergrowth.refine, canopy.table),
+    ]);
+    let stages = [
+        (STAGE, &key),
+        (undergrowth::STAGE, &undergrowth_key),
+        (undergrowth::FLOOR_STAGE, &undergrowth_key),
+    ];
+    let mut is_current = true;
+    for (stage, key) in stages {
+        is_current = is_current && manifest.is_current(&folder, stage, key)?;
+    }
+    if is_current {
         return Ok(manifest);
     }
 
@@ -275,7 +298,7 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
             Some(brush::read_brush(raster, regions, &frame, &biome, &Limits::default(), reporter)?)
         }
     };
-    let site = read_site(&folder, &terrain, reporter)?;
+    let (site, grass_suitability) = read_site(&folder, &terrain, &biome, reporter)?;
     let input = CanopyInput {
         terrain: &terrain,
         site: &site,
@@ -286,6 +309,19 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         brush: brush.as_ref(),
     };
     let grown = grow(&input, shares, manifest.scene.seed, canopy, reporter)?;
+    let beneath = UndergrowthInput {
+        terrain: &terrain,
+        site: &site,
+        grass_suitability: &grass_suitability,
+        discharge_m3_s: &discharge_m3_s,
+        allowed: &allowed,
+        biome: &biome,
+        canopy: &grown.plants,
+    };
+    let refine = request.undergrowth.refine;
+    let seed = manifest.scene.seed;
+    let undergrowth =
+        undergrowth::grow(&beneath, statistics.as_ref().map(|s| &s.0), refine, seed, reporter)?;
     let mut transaction = Transaction::begin(&folder)?;
     // a canopy that stays keeps what it was painted with
     let painted = match &asked {
@@ -296,14 +332,23 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     let entry = write(
         &input,
         &grown,
-        discharge_m3_s,
-        canopy,
+        &discharge_m3_s,
         (&folder, import::climate_name(&manifest)),
         &mut transaction,
         (key, parameters),
         reporter,
     )?;
-    record(&mut manifest, entry);
+    record(&mut manifest, STAGE, entry);
+    let entries = undergrowth::write(
+        &beneath,
+        &undergrowth,
+        &request.undergrowth,
+        canopy.table,
+        &undergrowth_key,
+        &mut transaction,
+        reporter,
+    )?;
+    entries.into_iter().for_each(|(stage, entry)| record(&mut manifest, stage, entry));
     manifest.inputs.extend(
         inputs.into_iter().filter(|input| !manifest.inputs.contains(input)).collect::<Vec<_>>(),
     );
@@ -313,12 +358,12 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
 }
 
 /// Makes the stage's entry the owner of its files, which earlier stages may have written too (`preview.png`).
-pub(super) fn record(manifest: &mut Manifest, entry: StageEntry) {
+pub(super) fn record(manifest: &mut Manifest, name: &str, entry: StageEntry) {
     for stage in manifest.stages.values_mut() {
         // a cloud's canopy stays its terrain's: if another one was put in its place, both are made anew with the cloud
         stage.files.retain(|file, _| file == "chm.tif" || !entry.files.contains_key(file));
     }
-    manifest.stages.insert(STAGE.to_owned(), entry);
+    manifest.stages.insert(name.to_owned(), entry);
 }
 
 fn gpu_failed(error: crate::gpu::GpuError) -> Error {
@@ -459,29 +504,45 @@ fn allowed(terrain: &Terrain, request: &CanopyRequest, reporter: &Reporter) -> R
     Ok(Mask::new(allowed))
 }
 
-/// Yearly means of the scene's maps.
-fn read_site(folder: &Path, terrain: &Terrain, reporter: &Reporter) -> Result<Site, Error> {
-    let stage = reporter.stage("read maps", 3 * MONTHS as u64);
-    let yearly = |file: &str| {
-        // one month at a time: twelve would be most of the run's memory
-        let mut sums = vec![0.0_f64; terrain.elevation_m.frame().len()];
-        for month in 0..MONTHS {
-            reporter.check_cancelled()?;
-            let grid = read_band(folder, file, month, terrain)?;
-            sums.iter_mut().zip(grid.values()).for_each(|(sum, v)| *sum += f64::from(*v));
-            stage.advance(1);
+/// Yearly means of the scene's maps, and how it suits grass.
+fn read_site(
+    folder: &Path,
+    terrain: &Terrain,
+    biome: &Biome,
+    reporter: &Reporter,
+) -> Result<(Site, Grid<f32>), Error> {
+    let stage = reporter.stage("read maps", MONTHS as u64);
+    let cells = terrain.elevation_m.frame().len();
+    let mut sums = [(); 3].map(|()| vec![0.0_f64; cells]);
+    let mut season = SeasonSuitability::new(cells, &GrassParams::default());
+    // one month at a time: twelve would be most of the run's memory
+    for month in 0..MONTHS {
+        reporter.check_cancelled()?;
+        let files = ["sunlight.tif", "moisture.tif", "temperature.tif"];
+        let grids: Vec<Grid<f32>> = files
+            .par_iter()
+            .map(|file| read_band(folder, file, month, terrain))
+            .collect::<Result<_, Error>>()?;
+        for (sums, grid) in sums.iter_mut().zip(&grids) {
+            let cells = sums.par_iter_mut().zip(grid.values());
+            cells.for_each(|(sum, value)| *sum += f64::from(*value));
         }
-        let means = sums.iter().map(|sum| (sum / MONTHS as f64) as f32); // a mean of f32 values
-        Ok::<_, Error>(terrain.elevation_m.with_values(means.collect()))
-    };
+        let [sun_h, moisture_mm, temperature_c] = [0, 1, 2].map(|map: usize| grids[map].values());
+        let suitability = (0..cells).into_par_iter().with_min_len(1 << 12).map(|cell| {
+            biome.forest_floor.suitability(moisture_mm[cell], temperature_c[cell], sun_h[cell])
+        });
+        season.add_month(suitability.collect());
+        stage.advance(1);
+    }
     let slope_deg = read_band(folder, "slope.tif", 0, terrain)?;
     let slope_rad = slope_deg.values().iter().map(|s| s.to_radians()).collect();
-    Ok(Site {
-        sun_h: yearly("sunlight.tif")?,
-        moisture_mm: yearly("moisture.tif")?,
-        temperature_c: yearly("temperature.tif")?,
-        slope_rad: slope_deg.with_values(slope_rad),
-    })
+    let [sun_h, moisture_mm, temperature_c] = sums.map(|sums| {
+        let means = sums.iter().map(|sum| (sum / MONTHS as f64) as f32); // a mean of f32 values
+        terrain.elevation_m.with_values(means.collect())
+    });
+    let slope_rad = slope_deg.with_values(slope_rad);
+    let suitability = terrain.elevation_m.with_values(season.finish());
+    Ok((Site { sun_h, moisture_mm, temperature_c, slope_rad }, suitability))
 }
 
 fn read_band(
@@ -504,14 +565,13 @@ fn read_band(
 pub(super) fn write(
     input: &CanopyInput<'_>,
     grown: &GrownCanopy,
-    discharge_m3_s: Grid<f32>,
-    request: &CanopyRequest,
+    discharge_m3_s: &Grid<f32>,
     (folder, climate): (&Path, Option<String>),
     transaction: &mut Transaction,
     (key, parameters): (String, toml::Table),
     reporter: &Reporter,
 ) -> Result<StageEntry, Error> {
-    let stage = reporter.stage("write trees", 4);
+    let stage = reporter.stage("write canopy", 3);
     let mut files = StageFiles::new(transaction);
     files.grid("chm.tif", "canopy height", "m", input.chm_m)?;
     if let Some(learned) = input.learned {
@@ -520,17 +580,10 @@ pub(super) fn write(
     stage.advance(1);
     files.species("species.tif", &grown.species.map, input.biome)?;
     stage.advance(1);
-    let frame = input.terrain.elevation_m.frame();
-    // later stages read GeoParquet
-    files.plants(&grown.plants, input.biome, frame, TableFormat::Parquet)?;
-    if request.table != TableFormat::Parquet {
-        files.plants(&grown.plants, input.biome, frame, request.table)?;
-    }
-    stage.advance(1);
     let maps = PreviewMaps {
         sunlight_h: Some(input.site.sun_h.clone()),
         moisture_mm: Some(input.site.moisture_mm.clone()),
-        discharge_m3_s: Some(discharge_m3_s),
+        discharge_m3_s: Some(discharge_m3_s.clone()),
         canopy: Some(CanopyLayer {
             plants: &grown.plants,
             biome: input.biome,

@@ -1,7 +1,9 @@
 //! The order of stages: reads inputs, runs what is out of date, writes the scene folder.
 //!
 //! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write);
-//! [`grow`] (canopy trees), `measured_canopy` and [`learned_canopy`] with `paint` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints).
+//! [`grow`] (canopy trees), `measured_canopy` and [`learned_canopy`] with `paint` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints);
+//! [`undergrowth`] (and the forest floor), [`statistics`] (what undergrowth is synthesised from),
+//! [`validation`] (what comes of it, beside what should).
 
 pub mod brush;
 pub mod demo;
@@ -14,6 +16,8 @@ mod onto_scene;
 mod paint;
 mod scene_files;
 pub mod statistics;
+pub mod undergrowth;
+pub mod validation;
 
 use crate::canopy::shares::ShareError;
 use crate::inference::InferenceError;

@@ -93,7 +93,7 @@ pub fn run(request: &StatisticsRequest, reporter: &Reporter) -> Result<Statistic
     };
     fs::create_dir_all(&request.work).map_err(|e| failed(&request.work, e))?;
     let landscapes = landscapes(&biome);
-    let parameters = Parameters::kapp2020();
+    let parameters = Parameters::undergrowth(&biome);
     let key = import::key(&[
         "statistics",
         env!("CARGO_PKG_VERSION"),
@@ -120,7 +120,13 @@ pub fn run(request: &StatisticsRequest, reporter: &Reporter) -> Result<Statistic
                     let sample = match read(plot) {
                         Some(sample) => sample,
                         None => {
-                            let sample = grown.simulate(plot, &biome, request, reporter)?;
+                            let sample = grown.simulate(
+                                plot,
+                                &biome,
+                                request.years,
+                                request.seed,
+                                reporter,
+                            )?;
                             let text = serde_json::json!(sample).to_string();
                             write(&path(plot), &text).map_err(|e| failed(&path(plot), e))?;
                             sample
@@ -301,16 +307,59 @@ impl Landscape {
     }
 }
 
+/// A landscape that no statistics were made on, for validation.
+pub(super) struct HeldOut {
+    grown: Grown,
+    seed: u64,
+}
+
+impl HeldOut {
+    /// A landscape under the canopy of some sub-biomes.
+    pub fn grow(
+        biome: &Biome,
+        sub_biomes: u32,
+        seed: u64,
+        reporter: &Reporter,
+    ) -> Result<Self, Error> {
+        let landscape = Landscape { sub_biomes, number: 1, of: 2 };
+        Ok(Self { grown: landscape.grow(biome, 0, seed, reporter)?, seed })
+    }
+
+    /// Its canopy trees.
+    pub fn trees(&self) -> &Plants {
+        &self.grown.trees
+    }
+
+    /// What it offers.
+    pub fn site(&self) -> &Site {
+        &self.grown.site
+    }
+
+    /// Its wettest plot after so many years, and where in it that lies.
+    pub fn simulate(
+        &self,
+        biome: &Biome,
+        years: u16,
+        reporter: &Reporter,
+    ) -> Result<(CellWindow, Sample), Error> {
+        let parameters = Parameters::undergrowth(biome);
+        let conditions = Conditions::under(&self.grown.trees, &self.grown.site, biome, &parameters);
+        let sample = self.grown.simulate(0, biome, years, self.seed, reporter)?;
+        Ok((self.grown.window(0, &conditions), sample))
+    }
+}
+
 impl Grown {
     /// Lives through the years of a plot: 0 is the wettest window under trees, 1 the driest.
     fn simulate(
         &self,
         plot: usize,
         biome: &Biome,
-        request: &StatisticsRequest,
+        last_year: u16,
+        seed: u64,
         reporter: &Reporter,
     ) -> Result<Sample, Error> {
-        let parameters = Parameters::kapp2020();
+        let parameters = Parameters::undergrowth(biome);
         let conditions = Conditions::under(&self.trees, &self.site, biome, &parameters);
         let window = self.window(plot, &conditions);
         let frame = self.site.slope_rad.frame();
@@ -340,14 +389,14 @@ impl Grown {
             }
         }
         let ground = Plot::of(&self.maps, &self.trees, biome, &parameters, &window);
-        let seed = request.seed.wrapping_mul(1000).wrapping_add((self.index * PLOTS + plot) as u64);
+        let seed = seed.wrapping_mul(1000).wrapping_add((self.index * PLOTS + plot) as u64);
         let mut community = Community::new(ground, biome, parameters, seed);
         let (mut years, mut plants_by_year) = (Vec::new(), Vec::new());
-        for year in 1..=request.years {
+        for year in 1..=last_year {
             reporter.check_cancelled()?;
             community.live_a_year();
             plants_by_year.push(community.len() as u32); // far fewer than 2³²
-            if year + 50 >= request.years && (request.years - year) % 25 == 0 {
+            if year + 50 >= last_year && (last_year - year).is_multiple_of(25) {
                 let mut plants = Disks::default();
                 for plant in 0..community.len() {
                     let height_m = community.height_m[plant];

@@ -14,6 +14,7 @@
 pub mod carbon_pool;
 pub mod community;
 mod competition;
+pub mod ecology;
 mod germination;
 pub mod mortality;
 pub mod parameters;
@@ -24,5 +25,5 @@ pub mod seedbank;
 mod traits;
 
 pub use community::{Community, YearFigures};
-pub use parameters::{GrowthCurve, Parameters};
+pub use parameters::{Competition, GrowthCurve, Parameters};
 pub use plot::{CanopyTree, CellWindow, Plot, disk_span};

@@ -1,5 +1,7 @@
 //! Numbers that the two papers choose differently over one set of processes.
 
+use crate::species::Biome;
+
 /// How height follows from idealized age.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GrowthCurve {
@@ -14,6 +16,16 @@ pub enum GrowthCurve {
     Smoothstep,
     /// Saturating (Peytavie 2024, Eq. 2), as the species file has it.
     Saturating,
+}
+
+/// How plants compete.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Competition {
+    /// For the light and the water of the cells under their crowns (Kapp 2020).
+    Resources,
+    /// By circles that may not meet: where two crowns touch, the lower plant dies; light and water are the canopy's alone.
+    /// For comparison (Deussen et al. 1998, doi:10.1145/280814.280898; Kapp 2020, Fig. 20).
+    Intersection,
 }
 
 /// Parameters of a simulation.
@@ -31,6 +43,10 @@ pub struct Parameters {
     pub open_limit_m: f32,
     /// Chance that a seed sprouts in a cell in a year, for each canopy tree near.
     pub seed_chance_per_year: f32,
+    /// Most that the chances of all trees near add up to.
+    pub most_seed_chance_per_year: f32,
+    /// How plants compete.
+    pub competition: Competition,
     /// Distance up to which that chance holds, in crown radii of the tree.
     pub seed_flat_radii: f32,
     /// Distance at which it has fallen to 0, in crown radii.
@@ -54,10 +70,20 @@ impl Parameters {
             growth: GrowthCurve::Smoothstep,
             open_limit_m: 3.0,
             seed_chance_per_year: 0.003,
+            most_seed_chance_per_year: 1.0,
+            competition: Competition::Resources,
             seed_flat_radii: 4.0,
             seed_reach_radii: 12.0,
             lifespan_exponent: 1.2,
         }
+    }
+
+    /// Undergrowth of a biome: [`Self::kapp2020`], with no more seedlings than sprout there.
+    pub fn undergrowth(biome: &Biome) -> Self {
+        let parameters = Self::kapp2020();
+        let cell_m2 = parameters.cell_m * parameters.cell_m;
+        let most_seed_chance_per_year = (biome.most_seedlings_per_m2_year * cell_m2).min(1.0);
+        Self { most_seed_chance_per_year, ..parameters }
     }
 
     /// Whole forests.

@@ -51,7 +51,8 @@ pub fn sow(
             if away_m < reach_m {
                 let cell = &mut seeds[row * cols + col];
                 let chance = chance_per_year(away_m / tree.crown_radius_m, parameters);
-                cell.chance_per_year = (cell.chance_per_year + chance).min(1.0);
+                cell.chance_per_year =
+                    (cell.chance_per_year + chance).min(parameters.most_seed_chance_per_year);
                 cell.sub_biomes |= 1 << sub_biome;
             }
         }

@@ -18,6 +18,8 @@ pub struct Biome {
     pub sub_biomes: Vec<SubBiome>,
     /// Grass and herbs too small to be single plants.
     pub forest_floor: ForestFloor,
+    /// Most seedlings that sprout on a m² in a year, however many trees shed seeds on it.
+    pub most_seedlings_per_m2_year: f32,
     /// The species, in file order; other stages refer to them by index.
     pub species: Vec<Species>,
 }

@@ -88,6 +88,8 @@ struct ClimateFile {
     _sub_biomes: Option<IgnoredAny>,
     #[serde(default, rename = "forest_floor")]
     _forest_floor: Option<IgnoredAny>,
+    #[serde(default, rename = "undergrowth")]
+    _undergrowth: Option<IgnoredAny>,
     #[serde(default, rename = "species")]
     _species: Option<IgnoredAny>,
 }

@@ -27,6 +27,7 @@ struct BiomeFile {
     soil: SoilTable,
     sub_biomes: Vec<SubBiomeTable>,
     forest_floor: ForestFloorTable,
+    undergrowth: Option<UndergrowthTable>,
     species: Vec<SpeciesTable>,
 }
 
@@ -53,6 +54,12 @@ struct ForestFloorTable {
     grass_moisture_mm: TrapezoidTable,
     grass_temperature_c: TrapezoidTable,
     grass_sun_h: TrapezoidTable,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct UndergrowthTable {
+    most_seedlings_per_m2_year: f32,
 }
 
 #[derive(Deserialize)]
@@ -151,6 +158,15 @@ pub(super) fn parse_biome(text: &str) -> Result<Biome, BiomeError> {
     place.text("name", &file.biome.name)?;
     let climate = checked_climate(file.climate, file.soil)?;
     let forest_floor = forest_floor(file.forest_floor)?;
+    let most_seedlings_per_m2_year = match file.undergrowth {
+        None => f32::INFINITY,
+        Some(table) => Place("undergrowth".to_owned()).range(
+            "most_seedlings_per_m2_year",
+            table.most_seedlings_per_m2_year,
+            1e-4,
+            1e3,
+        )?,
+    };
     // Names before what refers to them
     count("species", file.species.len(), MAX_SPECIES)?;
     count("sub_biomes", file.sub_biomes.len(), MAX_SUB_BIOMES)?;
@@ -173,6 +189,7 @@ pub(super) fn parse_biome(text: &str) -> Result<Biome, BiomeError> {
         climate,
         sub_biomes,
         forest_floor,
+        most_seedlings_per_m2_year,
         species,
     })
 }

@@ -180,7 +180,8 @@ impl SeedMap {
                     let east_m = col as f32 * cell_m - crowns.east_m[tree];
                     let away_m = (east_m * east_m + from_m * from_m).sqrt();
                     let chance = seedbank::chance_per_year(away_m / radius_m, parameters);
-                    seeds.chance_per_year = (seeds.chance_per_year + chance).min(1.0);
+                    seeds.chance_per_year =
+                        (seeds.chance_per_year + chance).min(parameters.most_seed_chance_per_year);
                     seeds.sub_biomes |= 1 << sub_biome;
                 }
             }

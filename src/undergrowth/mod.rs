@@ -39,7 +39,8 @@ pub fn plants(
     biome: &Biome,
 ) -> Plants {
     let frame = elevation_m.frame();
-    let scene_height_m = frame.rows as f32 * frame.cell_m();
+    let side_m = |cells: usize| (cells as f64 * frame.transform.cell_m) as f32; // rounded as positions are
+    let (scene_width_m, scene_height_m) = (side_m(frame.cols), side_m(frame.rows));
     let Undergrowth { disks, id, cell, .. } = undergrowth;
     let measure = |of: &(dyn Fn(usize) -> f32 + Sync)| -> Vec<f32> {
         (0..disks.len()).into_par_iter().map(of).collect()
@@ -49,8 +50,11 @@ pub fn plants(
         id: id.clone(),
         species: disks.species.clone(),
         layer: vec![Layer::Undergrowth; disks.len()],
-        east_m: disks.east_m.clone(),
-        north_m: measure(&|plant| scene_height_m - disks.south_m[plant]),
+        // sums of f32 may end a hair beyond the edge
+        east_m: measure(&|plant| disks.east_m[plant].clamp(0.0, scene_width_m)),
+        north_m: measure(&|plant| {
+            (scene_height_m - disks.south_m[plant]).clamp(0.0, scene_height_m)
+        }),
         z_m: measure(&|plant| elevation_m.values()[cell[plant] as usize]),
         height_m: disks.height_m.clone(),
         crown_radius_m: disks.radius_m.clone(),

@@ -21,6 +21,7 @@ use super::measures::Measures;
 use super::sampling::{Layout, Trees, Undergrowth};
 use super::statistics::{ClusterFinder, Statistics};
 use crate::progress::{Cancelled, Reporter};
+use crate::raster::Mask;
 use crate::rng::{self, Key, Process};
 use crate::species::Biome;
 
@@ -107,6 +108,7 @@ impl Targets {
 pub fn refine(
     undergrowth: &mut Undergrowth,
     conditions: &Conditions<'_>,
+    allowed: &Mask,
     trees: &Trees,
     statistics: &Statistics,
     biome: &Biome,
@@ -116,7 +118,7 @@ pub fn refine(
 ) -> Result<RefinementFigures, Cancelled> {
     let frame = conditions.site().slope_rad.frame();
     let layout = Layout::new(frame.rows, frame.cols, frame.cell_m());
-    let ground = Ground::new(conditions, statistics);
+    let ground = Ground::new(conditions, allowed, statistics);
     let place = |plant: usize| [undergrowth.disks.east_m[plant], undergrowth.disks.south_m[plant]];
     let is_counted = |plant: usize| area.is_none_or(|area| area.contains(place(plant)));
     let cluster_of: Vec<Option<u16>> = (0..undergrowth.disks.len())
@@ -193,6 +195,9 @@ pub fn refine(
     Ok(figures)
 }
 
+/// Ground where nothing grows.
+const NO_CLUSTER: u16 = u16::MAX;
+
 /// Clusters of the ground.
 struct Ground {
     cluster: Vec<u16>,
@@ -204,11 +209,14 @@ struct Ground {
 }
 
 impl Ground {
-    fn new(conditions: &Conditions<'_>, statistics: &Statistics) -> Self {
+    fn new(conditions: &Conditions<'_>, allowed: &Mask, statistics: &Statistics) -> Self {
         let frame = conditions.site().slope_rad.frame();
         let finder = ClusterFinder::new(statistics);
         let of_cell = |cell: usize| {
             let sub_biomes = conditions.seeds(cell).sub_biomes;
+            if sub_biomes == 0 || !allowed.is_valid(cell) {
+                return (NO_CLUSTER, 0);
+            }
             let clusters = finder.clusters(sub_biomes);
             (finder.nearest(&conditions.abiotics(cell), clusters) as u16, sub_biomes)
         };
@@ -437,7 +445,7 @@ impl<'a> Block<'a> {
         let (Some(from), Some(to)) = (ground.cell_at(old.place), ground.cell_at(place)) else {
             return;
         };
-        let is_alike = ground.cluster[to] == old.cluster.unwrap_or(u16::MAX)
+        let is_alike = ground.cluster[to] == old.cluster.unwrap_or(NO_CLUSTER)
             && ground.sub_biomes[from] == ground.sub_biomes[to];
         let is_inside = self.shared.area.is_none_or(|area| area.contains(place));
         if !is_alike || !is_inside || self.is_in_trunk(place) {

@@ -146,11 +146,17 @@ impl Statistics {
     /// # Errors
     /// If there are none for the biome.
     pub fn builtin(biome: &Biome) -> Result<Self, StatisticsError> {
-        let (_, text) = BUILT_IN
-            .iter()
-            .find(|(name, _)| *name == biome.key)
-            .ok_or_else(|| StatisticsError::NoneBuiltIn { name: biome.key.clone() })?;
-        Self::parse(text, biome)
+        Self::parse(Self::builtin_json(biome)?, biome)
+    }
+
+    /// Text of statistics that are part of the program.
+    ///
+    /// # Errors
+    /// If there are none for the biome.
+    pub fn builtin_json(biome: &Biome) -> Result<&'static str, StatisticsError> {
+        let found = BUILT_IN.iter().find(|(name, _)| *name == biome.key);
+        let none = || StatisticsError::NoneBuiltIn { name: biome.key.clone() };
+        found.map(|(_, text)| *text).ok_or_else(none)
     }
 
     /// Statistics of a JSON text.
@@ -223,15 +229,13 @@ impl Statistics {
 
     /// The file's text, a line for each cluster.
     pub fn to_json(&self) -> String {
-        let head = serde_json::json!({
-            "format": self.format, "biome": self.biome, "species": self.species,
-            "sub_biomes": self.sub_biomes, "least_height_m": self.least_height_m,
-            "source": self.source, "scale": self.scale,
-        });
-        let head = head.to_string();
-        let lines: Vec<String> =
-            self.clusters.iter().map(|cluster| serde_json::json!(cluster).to_string()).collect();
-        format!("{},\"clusters\":[\n{}\n]}}\n", &head[..head.len() - 1], lines.join(",\n"))
+        let written = "numbers, texts and lists are always JSON";
+        let head = serde_json::to_string(&Self { clusters: Vec::new(), ..self.clone() });
+        let head = head.expect(written);
+        let head = head.trim_end_matches("[]}");
+        let line = |cluster| serde_json::to_string(cluster).expect(written);
+        let lines: Vec<String> = self.clusters.iter().map(line).collect();
+        format!("{head}[\n{}\n]}}\n", lines.join(",\n"))
     }
 
     /// What a plant in a cluster has for neighbours; the cluster's own, or those it borrows.

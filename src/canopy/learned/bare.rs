@@ -10,7 +10,7 @@ pub const CLIFF_SLOPE: f32 = 1.192;
 /// # Reference
 /// Leopold & Maddock 1953, USGS Professional Paper 252: widths go with discharge to the power 0.5; the factor is chosen
 /// from the 5–8 m that streams of that size have.
-const RIVER_WIDTH_M: f32 = 6.0;
+pub const RIVER_WIDTH_M: f32 = 6.0;
 
 /// Coarse cells that rivers of these discharges (m³/s) take up at least half of. On wider scene cells a river is as wide as
 /// they are: where in them it runs is not known.

@@ -1,0 +1,262 @@
+//! Undergrowth and forest floor of a scene, under the canopy trees that were grown for it.
+
+use std::path::PathBuf;
+
+use super::Error;
+use super::scene_files::{StageFiles, mean};
+use crate::canopy::site::Site;
+use crate::forest_floor::{self, ForestFloor, water};
+use crate::io;
+use crate::plants::Plants;
+use crate::plants::table::TableFormat;
+use crate::progress::{Reporter, Warning};
+use crate::raster::{Grid, MapWindow, Mask};
+use crate::scene::{StageEntry, Transaction};
+use crate::simulation::Parameters;
+use crate::species::Biome;
+use crate::terrain::Terrain;
+use crate::undergrowth::refinement::{self, Area, RefinementFigures};
+use crate::undergrowth::{self, Conditions, Statistics, Trees, Undergrowth, sampling};
+
+/// Name of the stage in `scene.toml`.
+pub const STAGE: &str = "undergrowth";
+/// Name of the stage of grass and litterfall.
+pub const FLOOR_STAGE: &str = "forest_floor";
+
+/// What undergrowth is refined.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Refine {
+    /// All of it.
+    All,
+    /// What stands in a window of the map.
+    Within(MapWindow),
+}
+
+/// How undergrowth is grown.
+#[derive(Clone, Debug, Default)]
+pub struct UndergrowthRequest {
+    /// Whether there is to be none.
+    pub is_off: bool,
+    /// Statistics of one's own, from `wildwood statistics`; else the biome's built-in ones.
+    pub statistics: Option<PathBuf>,
+    /// What is refined, if anything.
+    pub refine: Option<Refine>,
+}
+
+/// What undergrowth and floor are grown on, all on one frame.
+pub struct UndergrowthInput<'a> {
+    /// The ground.
+    pub terrain: &'a Terrain,
+    /// What it offers over the year.
+    pub site: &'a Site,
+    /// How it suits grass.
+    pub grass_suitability: &'a Grid<f32>,
+    /// Where water runs.
+    pub discharge_m3_s: &'a Grid<f32>,
+    /// Where plants may stand.
+    pub allowed: &'a Mask,
+    /// The species.
+    pub biome: &'a Biome,
+    /// The canopy trees.
+    pub canopy: &'a Plants,
+}
+
+/// Grown undergrowth, and the floor under all plants.
+#[derive(Clone, Debug)]
+pub struct GrownUndergrowth {
+    /// All plants of the scene: the canopy first.
+    pub plants: Plants,
+    /// How many of them are undergrowth.
+    pub undergrowth: usize,
+    /// What refinement did, if it was asked for.
+    pub refinement: Option<RefinementFigures>,
+    /// Grass and litterfall.
+    pub floor: ForestFloor,
+}
+
+impl UndergrowthRequest {
+    /// The statistics, and the hash of their text; none where there is to be no undergrowth.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or that is of another biome.
+    pub fn read_statistics(&self, biome: &Biome) -> Result<Option<(Statistics, String)>, Error> {
+        if self.is_off {
+            return Ok(None);
+        }
+        let read;
+        let (text, name) = match &self.statistics {
+            None => (Statistics::builtin_json(biome), "built-in statistics".to_owned()),
+            Some(path) => {
+                read = std::fs::read_to_string(path)
+                    .map_err(|source| io::Error::Read { path: path.clone(), source })?;
+                (Ok(read.as_str()), path.display().to_string())
+            }
+        };
+        let statistics = text
+            .and_then(|text| Ok((Statistics::parse(text, biome)?, super::import::key(&[text]))));
+        statistics.map(Some).map_err(|e| Error::Usage { what: format!("{name}: {e}") })
+    }
+}
+
+/// Grows undergrowth, and the forest floor under all plants.
+///
+/// # Errors
+/// A cancelled run, or an area to refine that is not in the scene.
+pub fn grow(
+    input: &UndergrowthInput<'_>,
+    statistics: Option<&Statistics>,
+    refine: Option<Refine>,
+    seed: u64,
+    reporter: &Reporter,
+) -> Result<GrownUndergrowth, Error> {
+    let mut plants = input.canopy.clone();
+    let (mut count, mut refinement) = (0, None);
+    if let Some(statistics) = statistics {
+        let biome = input.biome;
+        let conditions =
+            Conditions::under(input.canopy, input.site, biome, &Parameters::undergrowth(biome));
+        let frame = input.terrain.elevation_m.frame();
+        let trees = Trees::of(input.canopy, frame.rows as f32 * frame.cell_m());
+        let dry = water::dry_land(input.discharge_m3_s);
+        let allowed = (input.allowed.as_slice().iter().zip(dry.as_slice())).map(|(a, b)| *a && *b);
+        let allowed = Mask::new(allowed.collect());
+        let mut grown =
+            sampling::sample(&conditions, &allowed, &trees, statistics, biome, seed, reporter)?;
+        if let Some(refine) = refine {
+            let area = area(refine, input.terrain)?;
+            let figures = refinement::refine(
+                &mut grown,
+                &conditions,
+                &allowed,
+                &trees,
+                statistics,
+                biome,
+                area,
+                seed,
+                reporter,
+            )?;
+            refinement = Some(figures);
+        }
+        tell_of_nothing(&grown, input, reporter);
+        count = grown.disks.len();
+        plants.append(undergrowth::plants(&grown, &conditions, &input.terrain.elevation_m, biome));
+    }
+    let params = forest_floor::Params::default();
+    let floor = forest_floor::run(
+        input.grass_suitability,
+        input.discharge_m3_s,
+        &plants,
+        input.biome,
+        &params,
+        reporter,
+    )?;
+    Ok(GrownUndergrowth { plants, undergrowth: count, refinement, floor })
+}
+
+fn tell_of_nothing(grown: &Undergrowth, input: &UndergrowthInput<'_>, reporter: &Reporter) {
+    if grown.disks.is_empty() && !input.canopy.is_empty() {
+        let text = "no undergrowth: nothing of the biome grows under this canopy".to_owned();
+        reporter.warn(Warning::Other { text });
+    }
+}
+
+/// The part of a scene that is refined; none is all.
+fn area(refine: Refine, terrain: &Terrain) -> Result<Option<Area>, Error> {
+    let Refine::Within(window) = refine else { return Ok(None) };
+    let frame = terrain.elevation_m.frame();
+    let transform = frame.transform;
+    let (width_m, height_m) =
+        (frame.cols as f64 * transform.cell_m, frame.rows as f64 * transform.cell_m);
+    let scene = MapWindow {
+        west: transform.west_m,
+        south: transform.north_m - height_m,
+        east: transform.west_m + width_m,
+        north: transform.north_m,
+    };
+    let Some(inside) = window.intersection(&scene) else {
+        let what = format!("--refine-area {window} lies outside the scene, which is {scene}");
+        return Err(Error::Usage { what });
+    };
+    // within a scene f32 holds millimetres
+    Ok(Some(Area {
+        west_m: (inside.west - scene.west) as f32,
+        north_m: (scene.north - inside.north) as f32,
+        east_m: (inside.east - scene.west) as f32,
+        south_m: (scene.north - inside.south) as f32,
+    }))
+}
+
+/// Writes plants, grass and litterfall; gives the entries of both stages.
+pub(super) fn write(
+    input: &UndergrowthInput<'_>,
+    grown: &GrownUndergrowth,
+    request: &UndergrowthRequest,
+    table: TableFormat,
+    key: &str,
+    transaction: &mut Transaction,
+    reporter: &Reporter,
+) -> Result<[(&'static str, StageEntry); 2], Error> {
+    let stage = reporter.stage("write plants", 3);
+    let frame = input.terrain.elevation_m.frame();
+    let mut files = StageFiles::new(transaction);
+    // later stages read GeoParquet
+    files.plants(&grown.plants, input.biome, frame, TableFormat::Parquet)?;
+    if table != TableFormat::Parquet {
+        files.plants(&grown.plants, input.biome, frame, table)?;
+    }
+    stage.advance(1);
+    let mut parameters = toml::Table::new();
+    parameters.insert("undergrowth".to_owned(), (!request.is_off).into());
+    if let Some(path) = &request.statistics {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        parameters.insert("statistics".to_owned(), name.into());
+    }
+    match request.refine {
+        None => {}
+        Some(Refine::All) => drop(parameters.insert("refine".to_owned(), "all".into())),
+        Some(Refine::Within(window)) => {
+            parameters.insert("refine".to_owned(), window.to_string().into());
+        }
+    }
+    let undergrowth = files.into_entry(key.to_owned(), parameters, figures(input, grown));
+
+    let ForestFloor { grass_height_m, litterfall } = &grown.floor;
+    let mut files = StageFiles::new(transaction);
+    files.grid("grass.tif", "grass height", "m", grass_height_m)?;
+    stage.advance(1);
+    files.grid("litterfall.tif", "ground covered by litter", "", litterfall)?;
+    stage.advance(1);
+    let mut figures = toml::Table::new();
+    for (name, map) in
+        [("grass_height_mean_m", grass_height_m), ("litterfall_mean_fraction", litterfall)]
+    {
+        figures.insert(name.to_owned(), mean(map.values(), map.mask()).into());
+    }
+    let parameters = super::import::parameters(&forest_floor::Params::default())?;
+    let floor = files.into_entry(key.to_owned(), parameters, figures);
+    Ok([(STAGE, undergrowth), (FLOOR_STAGE, floor)])
+}
+
+fn figures(input: &UndergrowthInput<'_>, grown: &GrownUndergrowth) -> toml::Table {
+    let whole = |count: usize| i64::try_from(count).unwrap_or(i64::MAX);
+    let mut figures = toml::Table::new();
+    let mut add = |name: &str, value: toml::Value| figures.insert(name.to_owned(), value);
+    add("plants", whole(grown.undergrowth).into());
+    let land = input.terrain.elevation_m.mask().valid_count().max(1) as f64;
+    let cell_m = input.terrain.elevation_m.frame().transform.cell_m;
+    add("plants_per_ha", (grown.undergrowth as f64 * 1e4 / (land * cell_m * cell_m)).into());
+    let mut counts = vec![0; input.biome.species.len()];
+    let undergrowth = &grown.plants.species[grown.plants.len() - grown.undergrowth..];
+    undergrowth.iter().for_each(|species| counts[usize::from(*species)] += 1);
+    let by_key: toml::Table = (input.biome.species.iter().zip(counts))
+        .filter(|(_, count)| *count > 0)
+        .map(|(species, count)| (species.key.clone(), whole(count).into()))
+        .collect();
+    add("plants_by_species", by_key.into());
+    if let Some(refinement) = &grown.refinement {
+        add("refined_plants", whole(refinement.plants).into());
+        let differences = refinement.differences.iter().map(|d| toml::Value::from(*d));
+        add("pair_differences_by_sweep", differences.collect::<Vec<_>>().into());
+    }
+    figures
+}
