@@ -1,9 +1,11 @@
 //! The order of stages: reads inputs, runs what is out of date, writes the scene folder.
 //!
 //! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write);
-//! [`grow`] (canopy trees), `measured_canopy` and [`learned_canopy`] with `paint` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints).
+//! [`grow`] (canopy trees), `measured_canopy` and [`learned_canopy`] with `paint` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints);
+//! [`close_up`] (a picture of a square of what grew).
 
 pub mod brush;
+pub mod close_up;
 pub mod demo;
 pub mod exclusion;
 pub mod grow;
@@ -15,6 +17,7 @@ mod paint;
 mod scene_files;
 
 use crate::canopy::shares::ShareError;
+use crate::export::close_up::area::AreaError;
 use crate::inference::InferenceError;
 use crate::progress::Cancelled;
 use crate::{io, scene, species, terrain};
@@ -34,6 +37,8 @@ pub enum Error {
     Terrain(#[from] terrain::import::ImportError),
     #[error(transparent)]
     Shares(#[from] ShareError),
+    #[error("--preview-area: {0}")]
+    Area(#[from] AreaError),
     #[error(transparent)]
     Inference(InferenceError),
     #[error("{what}")]
