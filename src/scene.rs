@@ -253,6 +253,19 @@ fn is_absent_or_empty(folder: &Path) -> Result<bool, Error> {
     }
 }
 
+/// Writes one file into a scene folder that no stage owns: beside first, then renamed.
+///
+/// # Errors
+/// [`Error::Write`]; a former file of the name is then as it was.
+pub fn write_beside(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), Error> {
+    let path = folder.join(name);
+    let fail = |source| Error::Write { path: path.clone(), source };
+    let prefix = format!("{STAGING_PREFIX}{}-", std::process::id());
+    let staging = tempfile::Builder::new().prefix(&prefix).tempdir_in(folder).map_err(fail)?;
+    let staged = staging.path().join(name);
+    fs::write(&staged, bytes).and_then(|()| fs::rename(&staged, &path)).map_err(fail)
+}
+
 /// Files under way into a scene folder: all of them arrive, or none.
 pub struct Transaction {
     folder: PathBuf,

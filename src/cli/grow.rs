@@ -3,16 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde_json::json;
 
 use super::import::{self, TerrainArguments, Unit};
 use super::{Outcome, Shared, terminal};
 use crate::canopy::learned::sketch::Density;
+use crate::export::close_up::area::Area;
 use crate::gpu::GpuChoice;
 use crate::inference::{LibrarySearch, ModelSource, RuntimeChoice, Runtimes};
-use crate::pipeline::Error;
+use crate::pipeline::close_up::PLANTS_FILE;
 use crate::pipeline::grow::{self, CanopyRequest, GroundSource, GrowRequest, STAGE};
 use crate::pipeline::learned_canopy::{LearnedRequest, PaintSource, StandHeight};
 use crate::pipeline::undergrowth::{self, Refine, UndergrowthRequest};
+use crate::pipeline::{Error, close_up};
 use crate::plants::table::TableFormat;
 use crate::progress::Reporter;
 use crate::raster::MapWindow;
@@ -93,8 +96,58 @@ pub struct GrowArguments {
     /// Graphics card: auto uses one where there is one, require fails without. Results are the same.
     #[arg(long, value_name = "auto|off|require", default_value_t)]
     gpu: GpuChoice,
+    /// Square of the map to picture from above and from the side, as close_up.png: its middle's map coordinates and its
+    /// side in metres (10–200). With a scene folder and no other option, nothing is grown, only pictured.
+    #[arg(long, value_name = "EAST,NORTH,SIZE", allow_hyphen_values = true)]
+    preview_area: Option<Area>,
     #[command(flatten)]
     terrain: TerrainArguments,
+}
+
+impl GrowArguments {
+    /// Whether nothing is asked that could change a scene; its seed aside.
+    fn grows_nothing(&self) -> bool {
+        let Self {
+            inputs,
+            output,
+            chm,
+            sketch,
+            density,
+            footprint,
+            stand_height,
+            onnx,
+            ort_lib,
+            models,
+            chm_unit,
+            shares,
+            brush,
+            brush_regions,
+            exclude,
+            exclude_width,
+            min_height,
+            no_undergrowth,
+            undergrowth_statistics,
+            refine,
+            refine_area,
+            table,
+            gpu: _,
+            preview_area: _,
+            terrain,
+        } = self;
+        let files =
+            [chm, sketch, footprint, ort_lib, models, brush, brush_regions, undergrowth_statistics];
+        let default = CanopyRequest::default();
+        inputs.len() == 1
+            && output.as_ref().is_none_or(|output| is_same(output, &inputs[0]))
+            && files.into_iter().all(Option::is_none)
+            && (density.is_none() && stand_height.is_none() && onnx.is_none())
+            && (chm_unit.is_none() && shares.is_none() && exclude.is_empty())
+            && !(*no_undergrowth || *refine || refine_area.is_some())
+            && *exclude_width == default.exclude_width_m
+            && *min_height == default.placement.canopy_min_height_m
+            && *table == default.table
+            && terrain.is_default()
+    }
 }
 
 fn table_format(name: &str) -> Result<TableFormat, String> {
@@ -169,7 +222,18 @@ pub fn runtimes(choice: RuntimeChoice, library: Option<PathBuf>) -> Runtimes {
 }
 
 pub fn run(arguments: &GrowArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
+    if let (Some(area), true) = (&arguments.preview_area, arguments.grows_nothing())
+        && let (folder, None) = (&arguments.inputs[0], shared.seed)
+        && let Some(manifest) = grown(folder)?
+    {
+        return picture(folder, &manifest, area, shared, reporter);
+    }
     let (ground, folder) = ground(arguments, shared.seed)?;
+    if let (Some(area), GroundSource::Scene { .. }) = (&arguments.preview_area, &ground)
+        && let Some(manifest) = Manifest::read(&folder)?
+    {
+        close_up::check(&manifest, area)?; // better told before a forest is grown
+    }
     let mut canopy = CanopyRequest {
         shares: arguments.shares.clone(),
         brush: arguments.brush.clone().zip(arguments.brush_regions.clone()).map(Into::into),
@@ -195,6 +259,36 @@ pub fn run(arguments: &GrowArguments, shared: &Shared, reporter: &Reporter) -> O
     let manifest = grow::run(&request, reporter)?;
     import::report(&folder, &manifest, shared);
     report_trees(&manifest, shared);
+    match &arguments.preview_area {
+        Some(area) => picture(&folder, &manifest, area, shared, reporter),
+        None => Ok(()),
+    }
+}
+
+/// The manifest of a scene folder that has plants.
+fn grown(folder: &Path) -> Result<Option<Manifest>, Error> {
+    if !folder.is_dir() {
+        return Ok(None);
+    }
+    let has_plants = |manifest: &Manifest| manifest.files().any(|file| file == PLANTS_FILE);
+    Ok(Manifest::read(folder)?.filter(has_plants))
+}
+
+/// Draws a close-up and says where it is.
+fn picture(
+    folder: &Path,
+    manifest: &Manifest,
+    area: &Area,
+    shared: &Shared,
+    reporter: &Reporter,
+) -> Outcome {
+    let path = close_up::write(folder, manifest, area, reporter)?;
+    let path = path.display().to_string();
+    if shared.json {
+        terminal::line(&json!({"event": "close-up", "file": path}));
+    } else if !shared.quiet {
+        terminal::say(&format!("look at {path}"));
+    }
     Ok(())
 }
 

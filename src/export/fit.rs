@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::raster::{Frame, GeoTransform, Grid, Mask};
+use crate::raster::{Frame, GeoTransform, Grid, MapWindow, Mask};
 
 /// Pixels whose cells are masked by more than this share are void.
 const LEAST_VALID_FRACTION: f32 = 0.5;
@@ -13,6 +13,15 @@ const LEAST_VALID_FRACTION: f32 = 0.5;
 struct Taps {
     first: usize,
     weights: Vec<f32>,
+    /// Whether the pixel's middle lies on the grid.
+    is_inside: bool,
+}
+
+/// Where along one axis of a grid a picture's pixels lie, counted in cells from the grid's edge.
+#[derive(Clone, Copy)]
+struct Extent {
+    from: f64,
+    span: f64,
 }
 
 /// A raster in `rows` × `cols` pixels over the same ground.
@@ -20,25 +29,51 @@ struct Taps {
 /// Masked cells do not count; a pixel is valid where half of what it sees is.
 pub fn fit(grid: &Grid<f32>, rows: usize, cols: usize) -> Grid<f32> {
     let frame = grid.frame();
+    let whole = |cells: usize| Extent { from: 0.0, span: cells as f64 };
+    fit_extent(grid, [whole(frame.rows), whole(frame.cols)], rows, cols)
+}
+
+/// Like [`fit`], over a rectangle of the map, which may reach beyond the raster: pixels there are void.
+pub fn fit_window(grid: &Grid<f32>, window: &MapWindow, rows: usize, cols: usize) -> Grid<f32> {
+    let frame = grid.frame();
+    let t = frame.transform;
+    let down = Extent {
+        from: (t.north_m - window.north) / t.cell_m,
+        span: (window.north - window.south) / t.cell_m,
+    };
+    let across = Extent {
+        from: (window.west - t.west_m) / t.cell_m,
+        span: (window.east - window.west) / t.cell_m,
+    };
+    fit_extent(grid, [down, across], rows, cols)
+}
+
+fn fit_extent(grid: &Grid<f32>, extents: [Extent; 2], rows: usize, cols: usize) -> Grid<f32> {
+    let frame = grid.frame();
     assert!(rows > 0 && cols > 0 && !frame.is_empty(), "nothing to draw or nowhere to draw it");
-    let row_taps: Vec<Taps> = (0..rows).map(|r| taps(r, frame.rows, rows)).collect();
-    let col_taps: Vec<Taps> = (0..cols).map(|c| taps(c, frame.cols, cols)).collect();
+    let [down, across] = extents;
+    let row_taps: Vec<Taps> = (0..rows).map(|r| taps(r, frame.rows, down, rows)).collect();
+    let col_taps: Vec<Taps> = (0..cols).map(|c| taps(c, frame.cols, across, cols)).collect();
     let mask = grid.mask().as_slice();
     let all_valid = grid.mask().is_all_valid();
+    // the columns of cells that any pixel sees
+    let first_col = col_taps.iter().map(|t| t.first).min().unwrap_or(0);
+    let end_col = col_taps.iter().map(|t| t.first + t.weights.len()).max().unwrap_or(0);
+    let seen_cols = end_col - first_col;
 
     let mut values = vec![0.0_f32; rows * cols];
     let mut valid = vec![true; rows * cols];
     values.par_chunks_mut(cols).zip(valid.par_chunks_mut(cols)).zip(&row_taps).for_each_init(
-        || (vec![0.0_f32; frame.cols], vec![0.0_f32; frame.cols]),
+        || (vec![0.0_f32; seen_cols], vec![0.0_f32; seen_cols]),
         |(sums, seen), ((values, valid), taps)| {
             sums.fill(0.0);
             seen.fill(if all_valid { 1.0 } else { 0.0 });
             for (row, weight) in (taps.first..).zip(&taps.weights) {
-                let line = grid.row(row);
+                let line = &grid.row(row)[first_col..end_col];
                 if all_valid {
                     sums.iter_mut().zip(line).for_each(|(s, z)| *s += weight * z);
                 } else {
-                    let flags = &mask[row * frame.cols..][..frame.cols];
+                    let flags = &mask[row * frame.cols..][first_col..end_col];
                     for (((s, n), z), &is_valid) in
                         sums.iter_mut().zip(&mut *seen).zip(line).zip(flags)
                     {
@@ -49,29 +84,34 @@ pub fn fit(grid: &Grid<f32>, rows: usize, cols: usize) -> Grid<f32> {
                     }
                 }
             }
+            let is_row_inside = taps.is_inside;
             for ((value, valid), taps) in values.iter_mut().zip(valid).zip(&col_taps) {
                 let (mut sum, mut total) = (0.0, 0.0);
-                for (col, weight) in (taps.first..).zip(&taps.weights) {
+                for (col, weight) in (taps.first - first_col..).zip(&taps.weights) {
                     sum += weight * sums[col];
                     total += weight * seen[col];
                 }
-                *valid = total >= LEAST_VALID_FRACTION;
+                *valid = total >= LEAST_VALID_FRACTION && is_row_inside && taps.is_inside;
                 *value = if total > 1e-6 { sum / total } else { 0.0 };
             }
         },
     );
     let t = frame.transform;
     // pixels are square on sheets; where a strip is one pixel thick its shading does not show
-    let cell_m = t.cell_m * frame.cols as f64 / cols as f64;
-    let fitted =
-        Frame { rows, cols, transform: GeoTransform { cell_m, ..t }, crs: frame.crs.clone() };
+    let transform = GeoTransform {
+        west_m: t.west_m + across.from * t.cell_m,
+        north_m: t.north_m - down.from * t.cell_m,
+        cell_m: t.cell_m * across.span / cols as f64,
+    };
+    let fitted = Frame { rows, cols, transform, crs: frame.crs.clone() };
     Grid::new(Arc::new(fitted), Arc::new(Mask::new(valid)), values)
 }
 
-fn taps(pixel: usize, cells: usize, pixels: usize) -> Taps {
-    let ratio = cells as f64 / pixels as f64;
+fn taps(pixel: usize, cells: usize, extent: Extent, pixels: usize) -> Taps {
+    let ratio = extent.span / pixels as f64;
     // the pixel's centre, counted in cell centres
-    let center = (pixel as f64 + 0.5) * ratio - 0.5;
+    let center = extent.from + (pixel as f64 + 0.5) * ratio - 0.5;
+    let is_inside = (-0.5..=cells as f64 - 0.5).contains(&center);
     let radius = if ratio >= 1.0 { ratio } else { 2.0 };
     let last = cells as i64 - 1;
     let (from, to) = ((center - radius).ceil() as i64, (center + radius).floor() as i64);
@@ -101,7 +141,8 @@ fn taps(pixel: usize, cells: usize, pixels: usize) -> Taps {
         }
     }
     let total: f64 = weights.iter().sum();
-    Taps { first: first as usize, weights: weights.iter().map(|w| (w / total) as f32).collect() }
+    let weights = weights.iter().map(|w| (w / total) as f32).collect();
+    Taps { first: first as usize, weights, is_inside }
 }
 
 fn cubic_b_spline(d: f64) -> f64 {
@@ -148,5 +189,22 @@ mod tests {
             let share = fitted.mask().valid_count() as f64 / (size * size) as f64;
             assert!((share - 0.5).abs() < 0.07, "{share}");
         }
+    }
+    #[test]
+    fn a_window_shows_the_part_it_is_of_and_what_lies_beyond_is_void() {
+        let plane = Grid::from_fn(50, 50, 2.0, |c| 10.0 * c.row as f32 + c.col as f32);
+        let window = MapWindow { west: 20.0, south: 30.0, east: 40.0, north: 50.0 };
+        let part = fit_window(&plane, &window, 100, 100);
+        // a pixel of 0.2 m whose middle lies 20.1 m east and 50.1 m south of the corner
+        let expected = 10.0 * (50.1 / 2.0 - 0.5) + 20.1 / 2.0 - 0.5;
+        assert!((part.values()[0] - expected).abs() < 1e-3, "{} {expected}", part.values()[0]);
+        assert!(part.mask().is_all_valid());
+        let t = part.frame().transform;
+        assert_eq!((t.west_m, t.north_m, t.cell_m), (20.0, 50.0, 0.2));
+        let beyond = MapWindow { west: -10.0, south: 80.0, east: 10.0, north: 100.0 };
+        let part = fit_window(&plane, &beyond, 40, 40);
+        assert_eq!(part.mask().valid_count(), 800, "the western half is void");
+        let far = MapWindow { west: 900.0, south: 80.0, east: 920.0, north: 100.0 };
+        assert_eq!(fit_window(&plane, &far, 40, 40).mask().valid_count(), 0);
     }
 }

@@ -1,11 +1,14 @@
 //! Pictures and files for others: one format a file.
 //!
 //! Reading order: [`preview`] (a map sheet as PNG), its parts [`layout`], [`relief`], [`ramp`], [`rivers`], [`scale`],
-//! [`fit`]; of forests [`crown_layer`], [`species_panel`], [`species_legend`]; and what draws: [`canvas`], [`lettering`].
+//! [`fit`]; of forests [`crown_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
+//! from the side); and what draws: [`canvas`], [`lettering`], [`furniture`].
 
 pub mod canvas;
+pub mod close_up;
 pub mod crown_layer;
 pub mod fit;
+pub mod furniture;
 pub mod layout;
 pub mod lettering;
 pub mod preview;

@@ -8,6 +8,9 @@ use rayon::prelude::*;
 
 use super::canvas::{Canvas, Rect, mix_light};
 use super::crown_layer::CrownLayer;
+use super::furniture::{
+    self, CAPTION, FRAME_INK, INK, LABEL, NAME, PAPER, SUBTITLE, TITLE, UNIT, rounded, void_color,
+};
 use super::layout::{self, Sheet};
 use super::lettering::{Align, Lettering, Style};
 use super::ramp::{Ramp, Rgb, Spread};
@@ -20,26 +23,13 @@ use crate::raster::{Crs, Frame, Grid};
 use crate::species::Biome;
 use crate::terrain::Terrain;
 
-const PAPER: Rgb = [250, 248, 243];
-const INK: Rgb = [38, 40, 44];
-const GREY_INK: Rgb = [104, 106, 108];
-const FRAME_INK: Rgb = [120, 118, 112];
 const WATER: Rgb = [52, 108, 158];
-const VOID: Rgb = [226, 228, 226];
-const VOID_HATCH: Rgb = [208, 211, 210];
 /// Ground under and between crowns is drawn paler, towards this, so that crowns stand out; and by how much.
 const PALE: [f32; 3] = [232.0, 226.0, 212.0];
 const PALE_FRACTION: f32 = 0.5;
 /// How much of the relief's light crowns take, and how dark their shadows are on the ground.
 const RELIEF_ON_CROWNS: f32 = 0.32;
 const CROWN_SHADOW: f32 = 0.55;
-
-const NAME: &str = "wildwood";
-const TITLE: Style = Style { size_px: 34.0, bold: true, color: INK };
-const SUBTITLE: Style = Style { size_px: 17.0, bold: false, color: GREY_INK };
-const CAPTION: Style = Style { size_px: 17.0, bold: true, color: INK };
-const UNIT: Style = Style { size_px: 14.0, bold: false, color: GREY_INK };
-const LABEL: Style = Style { size_px: 14.0, bold: false, color: INK };
 
 /// What the small maps show; what is missing is left out.
 #[derive(Clone, Debug, Default)]
@@ -183,14 +173,16 @@ fn panels<'a>(maps: &'a PreviewMaps<'_>) -> Vec<Panel<'a>> {
 }
 
 /// Terrain at a map's pixels, and its light.
-struct Ground {
-    elevation_m: Grid<f32>,
+pub(super) struct Ground {
+    /// Elevation.
+    pub elevation_m: Grid<f32>,
     /// Light against flat ground's: −1 full shade, 0 flat, 1 full light.
-    light: Vec<f32>,
+    pub light: Vec<f32>,
 }
 
 impl Ground {
-    fn of(elevation_m: &Grid<f32>, rect: Rect) -> Self {
+    /// Terrain fitted to a map's pixels.
+    pub fn of(elevation_m: &Grid<f32>, rect: Rect) -> Self {
         let (rows, cols) = (rect.height as usize, rect.width as usize);
         let fitted = fit(elevation_m, rows, cols);
         let exaggeration = relief::fitting_exaggeration(&fitted);
@@ -224,14 +216,6 @@ fn ground_tint(along: f32, forest: bool) -> [f32; 3] {
     let tint = Ramp::ELEVATION.color(along);
     let paler = if forest { PALE_FRACTION } else { 0.0 };
     std::array::from_fn(|c| tint[c] + paler * (PALE[c] - tint[c]))
-}
-
-fn rounded(color: [f32; 3]) -> Rgb {
-    color.map(|c| (c + 0.5) as u8) // `as` holds it within 0..=255
-}
-
-fn void_color(x: usize, y: usize) -> Rgb {
-    if (x + y).is_multiple_of(9) { VOID_HATCH } else { VOID }
 }
 
 /// Draws a sheet's parts.
@@ -394,22 +378,9 @@ impl Pen {
 
     fn footer(&mut self, sheet: &Sheet, frame: &Frame, elevation_m: Option<Spread>) {
         let (x, y) = (sheet.footer.x, sheet.footer.y);
-        // scale bar
         let m_per_px = frame.cols as f64 * frame.transform.cell_m / f64::from(sheet.map.width);
-        let length_m = scale::round_down(260.0 * m_per_px);
-        let length_px = length_m / m_per_px;
-        let bar = Rect { x, y: y + 34, width: length_px.round() as u32, height: 8 };
-        let quarter = (f64::from(bar.width) / 4.0).max(1.0);
-        self.canvas.paint(bar, |px, _| {
-            // four fields, dark and light in turn
-            if ((f64::from(px) / quarter) as u32).is_multiple_of(2) { INK } else { PAPER }
-        });
-        self.canvas.frame(bar, INK);
-        let label = scale::length_label(length_m);
-        self.text(x, y + 24, Align::Left, "0", LABEL);
-        self.text(bar.right(), y + 24, Align::Center, &label, LABEL);
-
-        self.north_arrow((x + 345) as f32, (y + 8) as f32);
+        furniture::scale_bar(&mut self.canvas, &self.lettering, [x, y + 34], m_per_px);
+        furniture::north_arrow(&mut self.canvas, &self.lettering, [x + 345, y + 8]);
         if let Some(range) = elevation_m {
             self.elevation_legend(x + 430, y, range, sheet.species.is_some());
         }
@@ -419,14 +390,6 @@ impl Pen {
         } else {
             self.text(sheet.footer.right(), y + 62, Align::Right, NAME, signature);
         }
-    }
-
-    fn north_arrow(&mut self, x: f32, y: f32) {
-        let (tip, foot, notch) = ([x, y], y + 38.0, [x, y + 29.0]);
-        self.canvas.polygon(&[tip, [x + 11.0, foot], notch], GREY_INK);
-        self.canvas.polygon(&[tip, notch, [x - 11.0, foot]], INK);
-        let style = Style { bold: true, ..LABEL };
-        self.lettering.draw(&mut self.canvas, x, y + 56.0, Align::Center, "N", style);
     }
 
     fn elevation_legend(&mut self, x: u32, y: u32, range: Spread, forest: bool) {
@@ -461,11 +424,7 @@ fn decimals_for(range: Spread) -> usize {
 
 fn facts(frame: &Frame) -> String {
     let t = frame.transform;
-    let crs = match &frame.crs {
-        Crs::Epsg(code) => format!("EPSG:{code}"),
-        Crs::Local => "local metres".to_owned(),
-        Crs::Proj(_) => "own projection".to_owned(),
-    };
+    let crs = furniture::crs_name(&frame.crs);
     let (width_m, height_m) = (frame.cols as f64 * t.cell_m, frame.rows as f64 * t.cell_m);
     let mut text = format!(
         "{} × {}   ·   {} × {} cells of {}   ·   {crs}",
@@ -596,7 +555,10 @@ mod tests {
         };
         let count = |t: &Terrain| {
             let picture = preview(t, &PreviewMaps::default(), &PreviewOptions::default());
-            picture.pixels().filter(|p| p.0 == VOID || p.0 == VOID_HATCH).count()
+            picture
+                .pixels()
+                .filter(|p| [furniture::VOID, furniture::VOID_HATCH].contains(&p.0))
+                .count()
         };
         let half = count(&masked((0..1600).map(|i| i % 40 < 20).collect()));
         let all = count(&masked(vec![false; 1600]));

@@ -3,9 +3,10 @@
 //! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write);
 //! [`grow`] (canopy trees), `measured_canopy` and [`learned_canopy`] with `paint` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints);
 //! [`undergrowth`] (and the forest floor), [`statistics`] (what undergrowth is synthesised from),
-//! [`validation`] (what comes of it, beside what should).
+//! [`validation`] (what comes of it, beside what should), [`close_up`] (a picture of a square of what grew).
 
 pub mod brush;
+pub mod close_up;
 pub mod demo;
 pub mod exclusion;
 pub mod grow;
@@ -20,6 +21,7 @@ pub mod undergrowth;
 pub mod validation;
 
 use crate::canopy::shares::ShareError;
+use crate::export::close_up::area::AreaError;
 use crate::inference::InferenceError;
 use crate::progress::Cancelled;
 use crate::{io, scene, species, terrain};
@@ -39,6 +41,8 @@ pub enum Error {
     Terrain(#[from] terrain::import::ImportError),
     #[error(transparent)]
     Shares(#[from] ShareError),
+    #[error("--preview-area: {0}")]
+    Area(#[from] AreaError),
     #[error(transparent)]
     Inference(InferenceError),
     #[error("{what}")]

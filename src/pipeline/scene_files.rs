@@ -200,7 +200,6 @@ impl<'a> StageFiles<'a> {
 }
 
 /// The plants of a scene folder, from its `plants.parquet`.
-#[allow(dead_code, reason = "growing undergrowth is the first to call it")]
 pub fn read_plants(folder: &Path, biome: &Biome, frame: &Frame) -> Result<Plants, Error> {
     let path = folder.join(format!("plants.{}", TableFormat::Parquet.name()));
     let file =
