@@ -211,7 +211,7 @@ impl Pen {
         let length = scale::trimmed(f64::from(transect.length_m()), 0);
         let more = if transect.is_longer() { ", beyond the square too" } else { "" };
         let facts = format!(
-            "looking north   ·   {length} m long{more}, {depth} m deep   ·   true scale   ·   {trees} canopy trees, {low} plants of the undergrowth"
+            "looking north   ·   {length} m long{more}, {depth} m deep   ·   true scale   ·   canopy trees: {trees}, undergrowth: {low}"
         );
         let after = x + self.lettering.width_px(name, CAPTION) as u32 + 12;
         self.text(after, y, Align::Left, &facts, UNIT);

@@ -118,9 +118,11 @@ impl Standing {
         let thick_m = self.dbh_m / (leans.len() as f32).sqrt();
         let reach = self.radius_px() * leans.iter().fold(0.0_f32, |a, l| a.max(l.abs()));
         let wide = reach + self.dbh_m * p + 2.0;
+        // on a slope the foot's lower side stands deeper; the ground covers the rest
+        let deep = self.dbh_m * p * self.fall.abs() + 1.0;
         let (rows, cols) = band.touched(
             [self.x - wide, self.foot_y - top_m * p - 1.0],
-            [self.x + wide, self.foot_y + 1.0],
+            [self.x + wide, self.foot_y + deep],
         );
         for row in rows {
             let height_m = (self.foot_y - row as f32 - 0.5) / p;
