@@ -21,8 +21,8 @@ use crate::species::Biome;
 /// Lower plants are seedlings that nobody would count; m. Chosen: what a forester's regeneration survey begins with.
 pub const LEAST_HEIGHT_M: f32 = 0.1;
 
-/// Most clusters of one combination of sub-biomes. Chosen: light in thirds or so, and the rest in halves.
-const MOST_CLUSTERS: usize = 8;
+/// Most clusters of one combination of sub-biomes. Chosen: light in fours, moisture in threes.
+const MOST_CLUSTERS: usize = 12;
 /// Least ground of a cluster, m². Chosen: some hundreds of plants at usual densities.
 const CLUSTER_M2: f64 = 1200.0;
 /// Upper ends of classes of the chance of seeds, the last open. Chosen: a lone tree, a few, a wood, a dense wood.
@@ -105,7 +105,7 @@ pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
             }
         }
     }
-    let scale = Scale::of(grounds.values().flatten().copied());
+    let scale = Scale { unit: Scale::of(biome).unit.map(rounded) };
     let cell_m2 = samples.first().map_or(1.0, |sample| f64::from(sample.cell_m).powi(2));
     let mut clusters: Vec<(u32, Abiotics)> = Vec::new();
     for (sub_biomes, ground) in &grounds {
@@ -242,7 +242,7 @@ fn assemble(
         sub_biomes: biome.sub_biomes.iter().map(|sub_biome| sub_biome.key.clone()).collect(),
         least_height_m: LEAST_HEIGHT_M,
         source,
-        scale: Scale { range: scale.range.map(rounded) },
+        scale,
         clusters: of_clusters,
     }
 }

@@ -7,32 +7,36 @@ use rayon::prelude::*;
 
 use super::conditions::{Abiotics, DIMENSIONS};
 use crate::rng::{self, Key, Process};
+use crate::species::{Biome, Niche};
 
 /// Rounds of Lloyd's algorithm at most. Chosen: centres move by less than a thousandth of the range after twenty.
 const ROUNDS: usize = 40;
 
-/// Distances in units that make the conditions of a biome's samples equally wide.
+/// Units of distance between conditions.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scale {
-    /// Range of each condition over the samples.
-    pub range: Abiotics,
+    /// How much of each condition counts as one.
+    pub unit: Abiotics,
 }
 
 impl Scale {
-    /// The range of samples; conditions that do not vary count as one wide.
-    pub fn of(samples: impl Iterator<Item = Abiotics>) -> Self {
-        let (mut least, mut most) = ([f32::INFINITY; DIMENSIONS], [f32::NEG_INFINITY; DIMENSIONS]);
-        for sample in samples {
-            for (axis, value) in sample.into_iter().enumerate() {
-                least[axis] = least[axis].min(value);
-                most[axis] = most[axis].max(value);
-            }
-        }
-        let wide = |axis: usize| {
-            let range = most[axis] - least[axis];
-            if range > 0.0 { range } else { 1.0 }
+    /// The mean half width of what a biome's species bear.
+    ///
+    /// # Departures
+    /// The authors' program scales each condition by its range over the map, so that three degrees of a small hill part
+    /// clusters as much as shade from sun. Here what matters to plants counts.
+    pub fn of(biome: &Biome) -> Self {
+        let mean = |of: &dyn Fn(&Niche) -> f32| {
+            let sum: f32 = biome.species.iter().map(|species| of(&species.niche)).sum();
+            sum / biome.species.len().max(1) as f32 // some dozens
         };
-        Self { range: std::array::from_fn(wide) }
+        let unit = [
+            mean(&|niche| niche.sun_h.half_width),
+            mean(&|niche| niche.moisture_mm.half_width),
+            mean(&|niche| niche.temperature_c.half_width),
+            mean(&|niche| niche.slope_rad.half_width),
+        ];
+        Self { unit }
     }
 
     /// Square of the distance.
@@ -40,7 +44,7 @@ impl Scale {
     pub fn square_distance(&self, a: &Abiotics, b: &Abiotics) -> f32 {
         let mut sum = 0.0;
         for axis in 0..DIMENSIONS {
-            let apart = (a[axis] - b[axis]) / self.range[axis];
+            let apart = (a[axis] - b[axis]) / self.unit[axis];
             sum += apart * apart;
         }
         sum
@@ -153,7 +157,7 @@ mod tests {
     #[test]
     fn centres_are_the_means_of_what_is_alike() {
         let samples = three_places();
-        let scale = Scale::of(samples.iter().copied());
+        let scale = Scale { unit: [4.0, 60.0, 15.0, 1.0] };
         let mut found = centres(&samples, &scale, 3, 1);
         found.sort_by(|a, b| (a[0] + a[1]).total_cmp(&(b[0] + b[1])));
         for (centre, first) in found.iter().zip(0..3) {
@@ -168,7 +172,7 @@ mod tests {
     #[test]
     fn equal_samples_are_one_cluster() {
         let samples = vec![[1.0, 2.0, 3.0, 0.0]; 50];
-        let scale = Scale::of(samples.iter().copied());
+        let scale = Scale { unit: [4.0, 60.0, 15.0, 1.0] };
         assert_eq!(centres(&samples, &scale, 4, 1), [samples[0]]);
         assert_eq!(centres(&[], &scale, 4, 1), [[0.0; DIMENSIONS]; 0]);
     }

@@ -189,7 +189,7 @@ impl Statistics {
         if self.clusters.is_empty() || self.clusters.len() > usize::from(u16::MAX) {
             return Err("no clusters, or too many");
         }
-        if !self.scale.range.iter().all(|range| range.is_finite() && *range > 0.0) {
+        if !self.scale.unit.iter().all(|unit| unit.is_finite() && *unit > 0.0) {
             return Err("a scale that is not above 0");
         }
         for cluster in &self.clusters {
@@ -373,7 +373,7 @@ pub(super) mod tests {
                 area_m2: 3000.0,
                 plants: 2700,
             },
-            scale: Scale { range: [10.0, 100.0, 20.0, 0.5] },
+            scale: Scale { unit: [4.0, 60.0, 15.0, 1.0] },
             clusters: vec![
                 cluster(1, 3.0, ferns),
                 cluster(1, 8.0, shrubs.clone()),
