@@ -12,9 +12,8 @@ use rayon::prelude::*;
 use super::competition::{Competitor, Shares, TILE_CELLS, Tile};
 use super::germination::{self, Seedling};
 use super::plot::{Disk, Plot};
-use super::traits::{AdaptationTable, Traits};
-use super::{Parameters, carbon_pool, mortality};
-use crate::raster::MONTHS;
+use super::traits::Traits;
+use super::{Parameters, carbon_pool, mortality, vigor};
 use crate::rng::{self, Key, Process};
 use crate::species::Biome;
 
@@ -25,7 +24,6 @@ pub struct Community {
     plot: Plot,
     parameters: Parameters,
     traits: Vec<Traits>,
-    table: AdaptationTable,
     seed: u64,
     year: u16,
     /// Unique, never given again.
@@ -79,7 +77,6 @@ impl Community {
     pub fn new(plot: Plot, biome: &Biome, parameters: Parameters, seed: u64) -> Self {
         Self {
             traits: Traits::of(biome, &parameters),
-            table: AdaptationTable::new(),
             plot,
             parameters,
             seed,
@@ -233,14 +230,8 @@ impl Community {
                 parts.push((*plant, *shares));
             }
         }
-        let seedlings = germination::sprout(
-            &cells,
-            &self.plot,
-            &self.traits,
-            &self.table,
-            self.seed,
-            self.year,
-        );
+        let seedlings =
+            germination::sprout(&cells, &self.plot, &self.traits, self.seed, self.year);
         TileYear { grown, parts, seedlings }
     }
 
@@ -251,18 +242,13 @@ impl Community {
         let [row, col] = self.plot.cell_at(self.east_m[index], self.south_m[index]);
         let ground = &self.plot.ground[self.plot.ground_of(row, col)];
         let (light, per_cell) = (shares.light / shares.cells, 1.0 / shares.cells);
-        let table = &self.table;
-        let slope = table.adaptation(ground.slope_rad, traits.slope_rad);
+        let water_mm = shares.water_mm.map(|mm| mm * per_cell);
+        let vigor = vigor::by_month(traits, ground, light, &water_mm);
         let (mut pool, mut age_years) = (self.carbon_pool[index], self.idealized_age_years[index]);
-        for month in 0..MONTHS {
-            let vigor = table
-                .adaptation(ground.sun_h[month] * light, traits.sun_h)
-                .min(table.adaptation(shares.water_mm[month] * per_cell, traits.moisture_mm))
-                .min(table.adaptation(ground.temperature_c[month], traits.temperature_c))
-                .min(slope);
+        for (vigor, years) in vigor.into_iter().zip(traits.years_a_month) {
             let overflow;
             (pool, overflow) = carbon_pool::after_month(pool, vigor, self.parameters.pool_capacity);
-            age_years += overflow * traits.years_a_month[month];
+            age_years += overflow * years;
         }
         Grown { plant, idealized_age_years: age_years, carbon_pool: pool }
     }
