@@ -6,7 +6,7 @@
 use super::competition::CellStates;
 use super::plot::Plot;
 use super::traits::Traits;
-use super::vigor;
+use super::vigor::{Limits, Offer};
 use crate::rng::{self, Key, Process};
 
 /// A plant that has just sprouted.
@@ -22,30 +22,6 @@ pub struct Seedling {
     pub south_m: f32,
 }
 
-/// Species that may sprout somewhere, those that sprout the most first: what a choice among them is likely to need.
-#[derive(Default)]
-struct Candidates {
-    sub_biomes: u32,
-    species: Vec<u16>,
-    /// Most that the species from each one on may weigh together; one longer.
-    weight_at_most: Vec<f32>,
-}
-
-impl Candidates {
-    fn of(sub_biomes: u32, traits: &[Traits]) -> Self {
-        let in_them = |index: &usize| traits[*index].sub_biomes & sub_biomes != 0;
-        let mut species: Vec<usize> = (0..traits.len()).filter(in_them).collect();
-        let most = |index: usize| traits[index].seed_weight;
-        species.sort_by(|a, b| most(*b).total_cmp(&most(*a)));
-        let mut weight_at_most = vec![0.0; species.len() + 1];
-        for (place, index) in species.iter().enumerate().rev() {
-            weight_at_most[place] = weight_at_most[place + 1] + most(*index);
-        }
-        let species = species.into_iter().map(|index| index as u16).collect(); // biomes have some dozens
-        Self { sub_biomes, species, weight_at_most }
-    }
-}
-
 /// The seedlings of a tile's cells in a year.
 pub fn sprout(
     cells: &CellStates,
@@ -55,41 +31,98 @@ pub fn sprout(
     year: u16,
 ) -> Vec<Seedling> {
     let tile = cells.tile();
+    let mut candidates = Candidates::of(traits);
+    let mut draws = Vec::with_capacity(tile.cols);
     let mut seedlings = Vec::new();
-    let mut candidates = Candidates::default();
-    let mut sums = Vec::new();
-    for cell in 0..tile.rows * tile.cols {
-        let seeds = plot.seeds[cells.ground_at(cell)];
-        if seeds.chance_per_year <= 0.0 {
-            continue;
+    for row in tile.row..tile.row + tile.rows {
+        // a row's draws together: one by one they would wait for each other
+        draws.clear();
+        draws.extend((tile.col..tile.col + tile.cols).map(|col| {
+            // plots have fewer than 2³² cells
+            let entity =
+                rng::entity_of_cell(plot.first_east + col as i64, -(plot.first_south + row as i64));
+            rng::uniforms(Key { seed, process: Process::Germination, year, month: 0, entity })
+        }));
+        for (col, [chance, choice, across, down]) in (tile.col..).zip(draws.iter().copied()) {
+            let cell = (row - tile.row) * tile.cols + col - tile.col;
+            let seeds = plot.seeds[cells.ground_at(cell)];
+            if chance >= seeds.chance_per_year {
+                continue;
+            }
+            let ground = &plot.ground[cells.ground_at(cell)];
+            let offer = Offer::new(ground, cells.light_at(cell), cells.seed_water_mm(cell, plot));
+            candidates.find(&offer, seeds.sub_biomes);
+            let Some(species) = candidates.choose(&offer, traits, choice) else { continue };
+            seedlings.push(Seedling {
+                id: u64::from(year) << 32 | (row * plot.cols + col) as u64,
+                species,
+                east_m: (col as f32 + across) * plot.cell_m,
+                south_m: (row as f32 + down) * plot.cell_m,
+            });
         }
-        let (row, col) = (tile.row + cell / tile.cols, tile.col + cell % tile.cols);
-        // plots have fewer than 2³² cells
-        let entity =
-            rng::entity_of_cell(plot.first_east + col as i64, -(plot.first_south + row as i64));
-        let key = Key { seed, process: Process::Germination, year, month: 0, entity };
-        let [chance, choice, across, down] = rng::uniforms(key);
-        if chance >= seeds.chance_per_year {
-            continue;
-        }
-        if candidates.sub_biomes != seeds.sub_biomes {
-            candidates = Candidates::of(seeds.sub_biomes, traits);
-        }
-        let weigh = |place: usize| {
-            let traits = &traits[usize::from(candidates.species[place])];
-            weight(cells, cell, plot, traits)
-        };
-        let Some(place) = roulette(&candidates.weight_at_most, choice, &mut sums, weigh) else {
-            continue;
-        };
-        seedlings.push(Seedling {
-            id: u64::from(year) << 32 | (row * plot.cols + col) as u64,
-            species: candidates.species[place],
-            east_m: (col as f32 + across) * plot.cell_m,
-            south_m: (row as f32 + down) * plot.cell_m,
-        });
     }
     seedlings
+}
+
+/// Species that a seed may be, those that sprout the most first: a choice is likely to need the first few only.
+struct Candidates {
+    all: Vec<Candidate>,
+    /// Places in `all` of those that a cell may suit.
+    found: Vec<u16>,
+    /// Most that these, from each one on, may weigh together; one longer.
+    weight_at_most: Vec<f32>,
+    /// Room for their weights.
+    sums: Vec<f32>,
+}
+
+struct Candidate {
+    species: u16,
+    sub_biomes: u32,
+    seed_weight: f32,
+    limits: Limits,
+}
+
+impl Candidates {
+    fn of(traits: &[Traits]) -> Self {
+        let candidate = |(index, traits): (usize, &Traits)| Candidate {
+            species: index as u16, // biomes have some dozens
+            sub_biomes: traits.sub_biomes,
+            seed_weight: traits.seed_weight,
+            limits: Limits::of(traits),
+        };
+        let mut all: Vec<Candidate> = traits.iter().enumerate().map(candidate).collect();
+        all.sort_by(|a, b| b.seed_weight.total_cmp(&a.seed_weight));
+        let (found, weight_at_most) = (vec![0; all.len()], vec![0.0; all.len() + 1]);
+        Self { all, found, weight_at_most, sums: Vec::new() }
+    }
+
+    /// Finds the species of these sub-biomes that a place may suit.
+    fn find(&mut self, offer: &Offer, sub_biomes: u32) {
+        let year = offer.year();
+        self.found.resize(self.all.len(), 0);
+        let mut count = 0;
+        for (place, candidate) in self.all.iter().enumerate() {
+            // no branch: which ones it is differs from cell to cell
+            self.found[count] = place as u16;
+            let suited = candidate.sub_biomes & sub_biomes != 0;
+            count += usize::from(suited & candidate.limits.may_suit(&year));
+        }
+        self.found.truncate(count);
+        self.weight_at_most.resize(count + 1, 0.0);
+        self.weight_at_most[count] = 0.0;
+        let mut most = 0.0;
+        for (place, found) in self.found.iter().enumerate().rev() {
+            most += self.all[usize::from(*found)].seed_weight;
+            self.weight_at_most[place] = most;
+        }
+    }
+
+    /// One of those found, each as likely as its weight.
+    fn choose(&mut self, offer: &Offer, traits: &[Traits], choice: f32) -> Option<u16> {
+        let species = |place: usize| self.all[usize::from(self.found[place])].species;
+        let weigh = |place: usize| weight(offer, &traits[usize::from(species(place))]);
+        roulette(&self.weight_at_most, choice, &mut self.sums, weigh).map(species)
+    }
 }
 
 /// How likely a species is among those that sprout: its mean vigor over the growing season on what plants leave to seeds,
@@ -97,13 +130,9 @@ pub fn sprout(
 ///
 /// # Reference
 /// Kapp et al. 2020, Eq. 4: w = max(0, v̄ / m^β).
-fn weight(cells: &CellStates, cell: usize, plot: &Plot, traits: &Traits) -> f32 {
-    let ground = &plot.ground[cells.ground_at(cell)];
-    if vigor::is_too_steep(traits, ground.slope_rad) {
-        return 0.0;
-    }
-    let (light, water_mm) = (cells.light_at(cell), cells.seed_water_mm(cell, plot));
-    let by_month = vigor::by_month(traits, ground, light, &water_mm);
+#[inline]
+fn weight(offer: &Offer, traits: &Traits) -> f32 {
+    let by_month = offer.vigor(traits);
     // years a month are equal within the season, 0 outside, and 1 together
     let in_season = |month: usize| by_month[month] * traits.years_a_month[month];
     let quarters: [f32; 4] =
@@ -123,14 +152,17 @@ fn roulette(
     mut weigh: impl FnMut(usize) -> f32,
 ) -> Option<usize> {
     sums.clear();
-    let mut total = 0.0;
+    let (mut total, mut chosen) = (0.0, 0);
     for (index, most_left) in weight_at_most.iter().skip(1).enumerate() {
         total += weigh(index);
         sums.push(total);
-        let chosen = |point: f32| sums.iter().position(|sum| *sum > point);
-        let sure = chosen(choice * (total + most_left)).filter(|_| total > 0.0);
-        if sure.is_some() && sure == chosen(choice * total) {
-            return sure;
+        // the point lies at most there, and at least here: what comes moves it on
+        let [here, there] = [choice * total, choice * (total + most_left)];
+        while chosen < sums.len() && sums[chosen] <= here {
+            chosen += 1;
+        }
+        if chosen < sums.len() && sums[chosen] > there {
+            return Some(chosen);
         }
     }
     // rounding may put the point on the total: the last that weighs anything
@@ -168,8 +200,10 @@ mod tests {
 
     #[test]
     fn roulette_asks_for_no_more_weights_than_the_choice_needs() {
-        assert_eq!(chosen(&[1.0, 0.5, 0.1, 0.1], 0.1, 0.3), (Some(0), 1));
-        assert_eq!(chosen(&[1.0, 0.5, 0.1, 0.1], 0.1, 0.7), (Some(1), 2));
-        assert_eq!(chosen(&[1.0, 0.5, 0.1, 0.1], 0.1, 0.99), (Some(3), 4));
+        let weights = [1.0, 0.5, 0.1, 0.1];
+        assert_eq!(chosen(&weights, 1.0, 0.2), (Some(0), 1));
+        assert_eq!(chosen(&weights, 1.0, 0.3), (Some(0), 3));
+        assert_eq!(chosen(&weights, 1.0, 0.7), (Some(1), 4));
+        assert_eq!(chosen(&weights, 1.0, 0.99), (Some(3), 4));
     }
 }

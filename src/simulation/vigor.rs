@@ -10,6 +10,8 @@ use crate::species::niche::{self, Tolerance};
 
 /// Half widths from the ideal beyond which nothing changes: the bell is below 10⁻¹⁵ there.
 const FARTHEST: f32 = 2.0;
+/// Half widths from the ideal beyond which adaptation is not above 0: (ln 6 / ln 5)^(1/4.5) = 1.0242, and a little more.
+const NO_VIGOR: f32 = 1.0243;
 /// log₂ of the share of the bell left at one half width, log₂ 0.2.
 const LOG2_BELL_AT_HALF_WIDTH: f32 = -2.321_928;
 
@@ -35,32 +37,99 @@ impl Scaled {
     }
 }
 
-/// Vigor by month, in −0.2..=1, on a share of the ground's light and with so much water.
-///
-/// # Reference
-/// Peytavie et al. 2024, Eqs. 3–4, as [`niche::Niche::vigor`], to within 10⁻⁵.
-#[inline]
-pub fn by_month(
-    traits: &Traits,
-    ground: &GroundCell,
-    light_fraction: f32,
-    water_mm: &[f32; MONTHS],
-) -> [f32; MONTHS] {
-    let slope = traits.slope_rad.distance(ground.slope_rad);
-    let mut vigor = [0.0; MONTHS];
-    for (month, vigor) in vigor.iter_mut().enumerate() {
-        let light = traits.sun_h.distance(ground.sun_h[month] * light_fraction);
-        let water = traits.moisture_mm.distance(water_mm[month]);
-        let warmth = traits.temperature_c.distance(ground.temperature_c[month]);
-        *vigor = adaptation(larger(larger(light, water), larger(warmth, slope)));
-    }
-    vigor
+/// What a place offers month by month: its ground, and light and water as others leave them.
+#[derive(Clone, Copy)]
+pub struct Offer<'a> {
+    ground: &'a GroundCell,
+    sun_h: [f32; MONTHS],
+    water_mm: [f32; MONTHS],
 }
 
-/// Whether the slope alone keeps vigor from ever being above 0.
+impl<'a> Offer<'a> {
+    #[inline]
+    pub fn new(ground: &'a GroundCell, light_fraction: f32, water_mm: [f32; MONTHS]) -> Self {
+        let mut sun_h = ground.sun_h;
+        sun_h.iter_mut().for_each(|hours| *hours *= light_fraction);
+        Self { ground, sun_h, water_mm }
+    }
+
+    /// Vigor by month, in −0.2..=1.
+    ///
+    /// # Reference
+    /// Peytavie et al. 2024, Eqs. 3–4, as [`niche::Niche::vigor`], to within 10⁻⁵.
+    #[inline]
+    pub fn vigor(&self, traits: &Traits) -> [f32; MONTHS] {
+        let slope = traits.slope_rad.distance(self.ground.slope_rad);
+        let mut vigor = [0.0; MONTHS];
+        for (month, vigor) in vigor.iter_mut().enumerate() {
+            let light = traits.sun_h.distance(self.sun_h[month]);
+            let water = traits.moisture_mm.distance(self.water_mm[month]);
+            let warmth = traits.temperature_c.distance(self.ground.temperature_c[month]);
+            *vigor = adaptation(larger(larger(light, water), larger(warmth, slope)));
+        }
+        vigor
+    }
+
+    /// What the months span.
+    #[inline]
+    pub fn year(&self) -> Year {
+        let slope_rad = self.ground.slope_rad;
+        let spans = [
+            span(&self.sun_h),
+            span(&self.water_mm),
+            span(&self.ground.temperature_c),
+            [slope_rad, slope_rad],
+        ];
+        Year { least: spans.map(|[least, _]| least), most: spans.map(|[_, most]| most) }
+    }
+}
+
+/// Least and most that a year offers of sun, water, warmth and slope.
+#[derive(Clone, Copy)]
+pub struct Year {
+    least: [f32; 4],
+    most: [f32; 4],
+}
+
+/// What a species bears of sun, water, warmth and slope.
+pub struct Limits {
+    ideal: [f32; 4],
+    /// Distance from the ideal beyond which vigor is not above 0.
+    reach: [f32; 4],
+}
+
+impl Limits {
+    pub fn of(traits: &Traits) -> Self {
+        let all = [traits.sun_h, traits.moisture_mm, traits.temperature_c, traits.slope_rad];
+        Self {
+            ideal: all.map(|scaled| scaled.ideal),
+            reach: all.map(|scaled| NO_VIGOR / scaled.per_half_width),
+        }
+    }
+
+    /// Whether vigor may be above 0 in some month of a year; if not, it is so in none.
+    #[inline]
+    pub fn may_suit(&self, year: &Year) -> bool {
+        let mut within = true;
+        for resource in 0..4 {
+            let ideal = self.ideal[resource];
+            let outside = larger(year.least[resource] - ideal, ideal - year.most[resource]);
+            within &= outside < self.reach[resource];
+        }
+        within
+    }
+}
+
+/// Least and most of twelve months.
 #[inline]
-pub fn is_too_steep(traits: &Traits, slope_rad: f32) -> bool {
-    adaptation(traits.slope_rad.distance(slope_rad)) <= 0.0
+fn span(months: &[f32; MONTHS]) -> [f32; 2] {
+    // four at a time, as registers hold them
+    let fold = |of: fn(f32, f32) -> f32| {
+        let four: [f32; 4] =
+            std::array::from_fn(|m| of(of(months[m], months[m + 4]), months[m + 8]));
+        of(of(four[0], four[1]), of(four[2], four[3]))
+    };
+    [fold(smaller), fold(larger)]
 }
 
 /// [`niche::adaptation`] at a distance in half widths, to within 10⁻⁵, without branches or calls.
@@ -95,6 +164,12 @@ fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+/// The smaller of two numbers that are not NaN.
+#[inline]
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::Parameters;
@@ -110,6 +185,7 @@ mod tests {
         }
         assert_eq!(adaptation(0.0), niche::adaptation(0.0, 0.0, 1.0));
         assert_eq!(adaptation(1e9), -niche::MOST_STRESS);
+        assert!(adaptation(NO_VIGOR) < 0.0 && adaptation(NO_VIGOR - 2e-4) > 0.0);
     }
 
     #[test]
@@ -126,12 +202,39 @@ mod tests {
         for (traits, species) in
             Traits::of(&biome, &Parameters::kapp2020()).iter().zip(&biome.species)
         {
-            let vigor = by_month(traits, &ground, 0.7, &water_mm);
+            let offer = Offer::new(&ground, 0.7, water_mm);
+            let vigor = offer.vigor(traits);
             for m in 0..MONTHS {
                 let (sun_h, temperature_c) = (0.7 * ground.sun_h[m], ground.temperature_c[m]);
                 let want = species.niche.vigor(sun_h, water_mm[m], temperature_c, 0.3);
                 assert!((vigor[m] - want).abs() < 1e-5, "{m}: {} for {want}", vigor[m]);
             }
         }
+    }
+    #[test]
+    fn a_year_that_suits_in_no_month_is_told_by_what_it_spans() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let all = Traits::of(&biome, &Parameters::kapp2020());
+        let (mut suited, mut told) = (0, 0);
+        for step in 0..4000_u16 {
+            let [light, wet, warm, steep] =
+                [7, 11, 13, 17].map(|n| f32::from(step % n) / f32::from(n));
+            let ground = GroundCell {
+                sun_h: std::array::from_fn(|m| 4.0 + 0.5 * m as f32),
+                moisture_mm: [0.0; MONTHS],
+                temperature_c: std::array::from_fn(|m| 30.0 * warm + 0.8 * m as f32),
+                slope_rad: steep,
+            };
+            let water_mm = std::array::from_fn(|m| 200.0 * wet - 4.0 * m as f32);
+            let offer = Offer::new(&ground, light, water_mm);
+            for traits in &all {
+                let suits = offer.vigor(traits).iter().any(|vigor| *vigor > 0.0);
+                let may_suit = Limits::of(traits).may_suit(&offer.year());
+                assert!(may_suit || !suits);
+                suited += usize::from(suits);
+                told += usize::from(!may_suit);
+            }
+        }
+        assert!(suited > 1000 && told > 1000, "{suited} {told}");
     }
 }
