@@ -73,12 +73,14 @@ pub struct Key {
 }
 
 /// Packs absolute map cell coordinates (cells east and north of the CRS origin) into an entity.
+#[inline]
 pub fn entity_of_cell(cell_east: i64, cell_north: i64) -> u64 {
     // two's complement: the low 32 bits tell cells apart within ±2³¹
     ((cell_east as u64) << 32) | (cell_north as u64 & 0xffff_ffff)
 }
 
 /// Four independent words, each uniform over all 32-bit values.
+#[inline]
 pub fn words(key: Key) -> [u32; 4] {
     let counter = [
         key.entity as u32, // low half
@@ -90,6 +92,7 @@ pub fn words(key: Key) -> [u32; 4] {
 }
 
 /// Four independent numbers, each uniform in 0..1.
+#[inline]
 pub fn uniforms(key: Key) -> [f32; 4] {
     words(key).map(unit_interval)
 }
@@ -106,6 +109,7 @@ pub fn unit_interval(word: u32) -> f32 {
     (word >> 8) as f32 * (1.0 / 16_777_216.0) // 24 bits are exact in f32
 }
 
+#[inline]
 fn philox4x32_10(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     const MULTIPLIERS: [u64; 2] = [0xD251_1F53, 0xCD9E_8D57];
     const WEYL: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];

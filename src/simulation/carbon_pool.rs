@@ -15,7 +15,9 @@ pub const MOST_OVERFLOW: f32 = 1.0;
 #[inline]
 pub fn after_month(pool: f32, vigor: f32, capacity: f32) -> (f32, f32) {
     let filled = pool + vigor;
-    (filled.min(capacity).max(LOWEST), (filled - capacity).clamp(0.0, MOST_OVERFLOW))
+    // not `min`, whose care for NaN is most of this chain of months
+    let kept = if filled < capacity { filled } else { capacity };
+    (kept.max(LOWEST), (filled - capacity).clamp(0.0, MOST_OVERFLOW))
 }
 
 #[cfg(test)]

@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use super::competition::{Competitor, Shares, TILE_CELLS, Tile};
 use super::germination::{self, Seedling};
 use super::plot::{Disk, Plot};
-use super::traits::{AdaptationTable, Traits};
+use super::traits::Traits;
+use super::vigor::Offer;
 use super::{Parameters, carbon_pool, mortality};
-use crate::raster::MONTHS;
 use crate::rng::{self, Key, Process};
 use crate::species::Biome;
 
@@ -25,9 +25,10 @@ pub struct Community {
     plot: Plot,
     parameters: Parameters,
     traits: Vec<Traits>,
-    table: AdaptationTable,
     seed: u64,
     year: u16,
+    /// Least height at which the canopy begins anywhere.
+    lowest_canopy_m: f32,
     /// Unique, never given again.
     pub id: Vec<u64>,
     /// Index into the biome's species.
@@ -65,6 +66,13 @@ struct Grown {
     carbon_pool: f32,
 }
 
+/// A plant that lives on, as large as it has grown.
+#[derive(Clone, Copy, Debug)]
+struct Survivor {
+    plant: u32,
+    size_m: [f32; 2],
+}
+
 /// A tile's year.
 struct TileYear {
     /// Plants whose crowns lie wholly in it.
@@ -79,7 +87,7 @@ impl Community {
     pub fn new(plot: Plot, biome: &Biome, parameters: Parameters, seed: u64) -> Self {
         Self {
             traits: Traits::of(biome, &parameters),
-            table: AdaptationTable::new(),
+            lowest_canopy_m: plot.canopy.iter().map(|c| c.base_m).fold(f32::INFINITY, f32::min),
             plot,
             parameters,
             seed,
@@ -134,20 +142,34 @@ impl Community {
         let plants = self.len();
         let seedlings = self.grow();
         let deaths = self.die();
-        let sprouted = seedlings.len();
-        for Seedling { id, species, east_m, south_m } in seedlings {
-            self.plant(id, species, [east_m, south_m], 0.0);
-        }
-        YearFigures { plants, deaths, sprouted }
+        self.add(&seedlings);
+        YearFigures { plants, deaths, sprouted: seedlings.len() }
+    }
+
+    /// Adds seedlings as [`Community::plant`] would, each measure by itself.
+    fn add(&mut self, seedlings: &[Seedling]) {
+        let sizes: Vec<[f32; 2]> = self.traits.iter().map(|traits| traits.size_m(0.0)).collect();
+        let size = |seedling: &Seedling| sizes[usize::from(seedling.species)];
+        let pool = self.parameters.pool_capacity;
+        rayon::scope(|measures| {
+            measures.spawn(|_| self.id.extend(seedlings.iter().map(|s| s.id)));
+            measures.spawn(|_| self.species.extend(seedlings.iter().map(|s| s.species)));
+            measures.spawn(|_| self.east_m.extend(seedlings.iter().map(|s| s.east_m)));
+            measures.spawn(|_| self.south_m.extend(seedlings.iter().map(|s| s.south_m)));
+            measures.spawn(|_| self.idealized_age_years.extend(seedlings.iter().map(|_| 0.0)));
+            measures.spawn(|_| self.carbon_pool.extend(seedlings.iter().map(|_| pool)));
+            measures.spawn(|_| self.height_m.extend(seedlings.iter().map(|s| size(s)[0])));
+            measures.spawn(|_| self.crown_radius_m.extend(seedlings.iter().map(|s| size(s)[1])));
+        });
     }
 
     /// Twelve months of growth under competition; gives the year's seedlings.
     fn grow(&mut self) -> Vec<Seedling> {
         let tiles = Tile::all(&self.plot);
         let by_tile = self.by_tile(tiles.len());
-        let years: Vec<TileYear> = tiles
+        let mut years: Vec<TileYear> = tiles
             .par_iter()
-            .zip(&by_tile)
+            .zip(by_tile)
             .map(|(tile, plants)| self.tile_year(*tile, plants))
             .collect();
 
@@ -164,40 +186,55 @@ impl Community {
         });
         let together: Vec<Grown> = together.collect();
 
-        let of_tiles = years.iter().flat_map(|year| &year.grown);
-        for grown in of_tiles.chain(&together) {
-            let plant = grown.plant as usize;
-            self.carbon_pool[plant] = grown.carbon_pool;
-            self.idealized_age_years[plant] = grown.idealized_age_years;
-        }
-        let sizes: Vec<[f32; 2]> = (self.species.par_iter().zip(&self.idealized_age_years))
-            .map(|(species, age_years)| self.traits[usize::from(*species)].size_m(*age_years))
-            .collect();
-        for (plant, [height_m, crown_radius_m]) in sizes.into_iter().enumerate() {
-            self.height_m[plant] = height_m;
-            self.crown_radius_m[plant] = crown_radius_m;
-        }
-        years.into_iter().flat_map(|year| year.seedlings).collect()
+        let seedlings = years.iter_mut().flat_map(|year| std::mem::take(&mut year.seedlings));
+        let seedlings: Vec<Seedling> = seedlings.collect();
+        let grown = || years.iter().flat_map(|year| &year.grown).chain(&together);
+        let set = |values: &mut [f32], of: fn(&Grown) -> f32| {
+            grown().for_each(|grown| values[grown.plant as usize] = of(grown));
+        };
+        rayon::join(
+            || set(&mut self.idealized_age_years, |grown| grown.idealized_age_years),
+            || set(&mut self.carbon_pool, |grown| grown.carbon_pool),
+        );
+        seedlings
     }
 
-    /// Plants of each tile, the tallest first.
+    /// Plants that reach into each tile.
     fn by_tile(&self, tile_count: usize) -> Vec<Vec<u32>> {
         let tile_cols = self.plot.cols.div_ceil(TILE_CELLS);
         let mut tiles: Vec<Vec<u32>> = vec![Vec::new(); tile_count];
         for plant in 0..self.len() {
+            let index = plant as u32; // far fewer than 2³²
+            if self.disk(plant).is_of_one_cell(self.plot.cell_m) {
+                let [row, col] = self.plot.cell_at(self.east_m[plant], self.south_m[plant]);
+                tiles[row / TILE_CELLS * tile_cols + col / TILE_CELLS].push(index);
+                continue;
+            }
             let [rows, cols] = self.tiles_of(plant);
             for row in rows {
                 for col in cols.clone() {
-                    tiles[row * tile_cols + col].push(plant as u32); // far fewer than 2³²
+                    tiles[row * tile_cols + col].push(index);
                 }
             }
         }
-        tiles.par_iter_mut().for_each(|plants| {
-            let height = |plant: &u32| self.height_m[*plant as usize];
-            let id = |plant: &u32| self.id[*plant as usize];
-            plants.sort_unstable_by(|a, b| height(b).total_cmp(&height(a)).then(id(a).cmp(&id(b))));
-        });
         tiles
+    }
+
+    /// Puts plants in the order in which they get their shares: the tallest first, of equals the oldest id.
+    fn sort_by_height(&self, plants: &mut [u32]) {
+        // heights are not negative, so their bits are in their order
+        let lowness = |plant: u32| u64::from(u32::MAX - self.height_m[plant as usize].to_bits());
+        let mut keys: Vec<u64> =
+            plants.iter().map(|plant| lowness(*plant) << 32 | u64::from(*plant)).collect();
+        keys.sort_unstable();
+        plants.iter_mut().zip(&keys).for_each(|(plant, key)| *plant = *key as u32); // the low half
+        let height = |plant: u32| self.height_m[plant as usize].to_bits();
+        let id = |plant: &u32| self.id[*plant as usize];
+        for equals in plants.chunk_by_mut(|a, b| height(*a) == height(*b)) {
+            if !equals.is_sorted_by_key(id) {
+                equals.sort_unstable_by_key(id);
+            }
+        }
     }
 
     /// Rows and columns of tiles under a plant's crown.
@@ -210,6 +247,12 @@ impl Community {
         [tiles(disk.rows(self.plot.rows, cell_m)), tiles(disk.all_cols(self.plot.cols, cell_m))]
     }
 
+    /// Whether a plant's crown lies in one tile.
+    fn is_of_one_tile(&self, plant: usize) -> bool {
+        self.disk(plant).is_of_one_cell(self.plot.cell_m)
+            || self.tiles_of(plant).iter().all(|tiles| tiles.len() == 1)
+    }
+
     fn disk(&self, plant: usize) -> Disk {
         Disk {
             east_m: self.east_m[plant],
@@ -218,29 +261,23 @@ impl Community {
         }
     }
 
-    fn tile_year(&self, tile: Tile, plants: &[u32]) -> TileYear {
-        let competitors = plants.iter().map(|plant| Competitor {
+    fn tile_year(&self, tile: Tile, mut plants: Vec<u32>) -> TileYear {
+        self.sort_by_height(&mut plants);
+        let competitor = |plant: &u32| Competitor {
             disk: self.disk(*plant as usize),
             species: self.species[*plant as usize],
-        });
-        let (shares, cells) = tile.compete(&self.plot, &self.traits, competitors);
+        };
+        let competitors: Vec<Competitor> = plants.iter().map(competitor).collect();
+        let (shares, cells) = tile.compete(&self.plot, &self.traits, &competitors);
         let (mut grown, mut parts) = (Vec::with_capacity(plants.len()), Vec::new());
         for (plant, shares) in plants.iter().zip(&shares) {
-            let [rows, cols] = self.tiles_of(*plant as usize);
-            if rows.len() == 1 && cols.len() == 1 {
+            if self.is_of_one_tile(*plant as usize) {
                 grown.push(self.grown(*plant, shares));
             } else {
                 parts.push((*plant, *shares));
             }
         }
-        let seedlings = germination::sprout(
-            &cells,
-            &self.plot,
-            &self.traits,
-            &self.table,
-            self.seed,
-            self.year,
-        );
+        let seedlings = germination::sprout(&cells, &self.plot, &self.traits, self.seed, self.year);
         TileYear { grown, parts, seedlings }
     }
 
@@ -251,58 +288,67 @@ impl Community {
         let [row, col] = self.plot.cell_at(self.east_m[index], self.south_m[index]);
         let ground = &self.plot.ground[self.plot.ground_of(row, col)];
         let (light, per_cell) = (shares.light / shares.cells, 1.0 / shares.cells);
-        let table = &self.table;
-        let slope = table.adaptation(ground.slope_rad, traits.slope_rad);
+        let mut water_mm = shares.water_mm;
+        water_mm.iter_mut().for_each(|mm| *mm *= per_cell);
+        let vigor = Offer::new(ground, light, water_mm).vigor(traits);
         let (mut pool, mut age_years) = (self.carbon_pool[index], self.idealized_age_years[index]);
-        for month in 0..MONTHS {
-            let vigor = table
-                .adaptation(ground.sun_h[month] * light, traits.sun_h)
-                .min(table.adaptation(shares.water_mm[month] * per_cell, traits.moisture_mm))
-                .min(table.adaptation(ground.temperature_c[month], traits.temperature_c))
-                .min(slope);
+        for (vigor, years) in vigor.into_iter().zip(traits.years_a_month) {
             let overflow;
             (pool, overflow) = carbon_pool::after_month(pool, vigor, self.parameters.pool_capacity);
-            age_years += overflow * traits.years_a_month[month];
+            age_years += overflow * years;
         }
         Grown { plant, idealized_age_years: age_years, carbon_pool: pool }
     }
 
     /// The yearly test of death, and the end of what has reached the canopy; gives the number of deaths.
     fn die(&mut self) -> usize {
-        let lives: Vec<bool> = (0..self.len())
-            .into_par_iter()
-            .map(|plant| {
-                let traits = &self.traits[usize::from(self.species[plant])];
-                let background = traits.background_death_probability_per_year;
-                let chance =
-                    mortality::death_probability_per_year(background, self.carbon_pool[plant]);
-                let (seed, entity) = (self.seed, self.id[plant]);
-                let key =
-                    Key { seed, process: Process::PlantDeath, year: self.year, month: 0, entity };
-                let [row, col] = self.plot.cell_at(self.east_m[plant], self.south_m[plant]);
-                let canopy_base_m = self.plot.canopy[row * self.plot.cols + col].base_m;
-                rng::uniforms(key)[0] >= chance && self.height_m[plant] < canopy_base_m
-            })
-            .collect();
         let before = self.len();
-        retain(&mut self.id, &lives);
-        retain(&mut self.species, &lives);
-        for measure in [
-            &mut self.east_m,
-            &mut self.south_m,
-            &mut self.idealized_age_years,
-            &mut self.carbon_pool,
-            &mut self.height_m,
-            &mut self.crown_radius_m,
-        ] {
-            retain(measure, &lives);
-        }
+        let plants = (0..before as u32).into_par_iter(); // far fewer than 2³²
+        let survivors: Vec<Survivor> = plants.filter_map(|plant| self.survivor(plant)).collect();
+        rayon::scope(|measures| {
+            measures.spawn(|_| keep(&mut self.id, &survivors));
+            measures.spawn(|_| keep(&mut self.species, &survivors));
+            measures.spawn(|_| keep(&mut self.east_m, &survivors));
+            measures.spawn(|_| keep(&mut self.south_m, &survivors));
+            measures.spawn(|_| keep(&mut self.idealized_age_years, &survivors));
+            measures.spawn(|_| keep(&mut self.carbon_pool, &survivors));
+            measures.spawn(|_| replace(&mut self.height_m, survivors.iter().map(|s| s.size_m[0])));
+            measures.spawn(|_| {
+                replace(&mut self.crown_radius_m, survivors.iter().map(|s| s.size_m[1]))
+            });
+        });
         before - self.len()
+    }
+
+    /// A plant with the size it has grown to, if it lives on.
+    fn survivor(&self, plant: u32) -> Option<Survivor> {
+        let index = plant as usize;
+        let traits = &self.traits[usize::from(self.species[index])];
+        let background = traits.background_death_probability_per_year;
+        let chance = mortality::death_probability_per_year(background, self.carbon_pool[index]);
+        let (seed, entity) = (self.seed, self.id[index]);
+        let key = Key { seed, process: Process::PlantDeath, year: self.year, month: 0, entity };
+        if chance >= 1.0 || rng::uniforms(key)[0] < chance {
+            return None;
+        }
+        let size_m = traits.size_m(self.idealized_age_years[index]);
+        let is_below_canopy = size_m[0] < self.lowest_canopy_m || {
+            let [row, col] = self.plot.cell_at(self.east_m[index], self.south_m[index]);
+            size_m[0] < self.plot.canopy[row * self.plot.cols + col].base_m
+        };
+        is_below_canopy.then_some(Survivor { plant, size_m })
     }
 }
 
-/// Keeps the values of those that live, in their order.
-fn retain<T>(values: &mut Vec<T>, lives: &[bool]) {
-    let mut lives = lives.iter();
-    values.retain(|_| lives.next() == Some(&true));
+/// Keeps the values of survivors, which are in ascending order.
+fn keep<T: Copy>(values: &mut Vec<T>, survivors: &[Survivor]) {
+    for (to, survivor) in survivors.iter().enumerate() {
+        values[to] = values[survivor.plant as usize];
+    }
+    values.truncate(survivors.len());
+}
+
+fn replace(values: &mut Vec<f32>, by: impl Iterator<Item = f32>) {
+    values.clear();
+    values.extend(by);
 }

@@ -53,18 +53,40 @@ pub struct Tile {
     pub cols: usize,
 }
 
+/// Cells of a tile under each of its plants' crowns.
+struct CrownCells {
+    runs: Vec<Run>,
+    /// End of each plant's runs.
+    ends: Vec<u32>,
+}
+
+/// Neighbouring cells of a row, by the index of the first in the tile.
+#[derive(Clone, Copy)]
+struct Run {
+    first: u16,
+    count: u16,
+}
+
+// runs count a tile's cells
+const _: () = assert!(TILE_CELLS * TILE_CELLS <= u16::MAX as usize);
+
 /// State of a tile's cells while its plants are walked over, then what they leave to seeds.
 #[derive(Debug)]
 pub struct CellStates {
     tile: Tile,
+    cells: Vec<CellState>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct CellState {
     /// Share of the light that is left.
-    light: Vec<f32>,
+    light: f32,
     /// Water that was asked for, mm a month.
-    taken_mm: Vec<f32>,
-    /// One over the number of plants and the share of seeds.
-    share: Vec<f32>,
-    plants: Vec<u16>,
-    ground: Vec<u32>,
+    taken_mm: f32,
+    /// Number of plants, and one for seeds: those that share what is left of the water.
+    sharers: f32,
+    /// Index of the terrain cell.
+    ground: u32,
 }
 
 impl Tile {
@@ -85,102 +107,138 @@ impl Tile {
         self,
         plot: &Plot,
         traits: &[Traits],
-        plants: impl Iterator<Item = Competitor> + Clone,
+        plants: &[Competitor],
     ) -> (Vec<Shares>, CellStates) {
         let mut cells = CellStates::under_canopy(self, plot);
-        let mut shares: Vec<Shares> = plants
-            .clone()
-            .map(|plant| {
-                let traits = &traits[usize::from(plant.species)];
-                let (keep, need_mm) = (traits.passed_light_fraction, traits.need_mm);
-                let mut got = Shares::default();
-                cells.walk(plot, plant.disk, |cells, cell| {
-                    let moisture_mm = &plot.ground[cells.ground[cell] as usize].moisture_mm;
-                    let (light, taken_mm) = (cells.light[cell], cells.taken_mm[cell]);
-                    got.light += light;
-                    for (sum, there_mm) in got.water_mm.iter_mut().zip(moisture_mm) {
-                        *sum += (there_mm - taken_mm).max(0.0).min(need_mm);
-                    }
-                    got.cells += 1.0;
-                    cells.light[cell] = light * keep;
-                    cells.taken_mm[cell] = taken_mm + need_mm;
-                    cells.plants[cell] = cells.plants[cell].saturating_add(1);
-                });
-                got
-            })
-            .collect();
-        cells.count_shares();
-        for (plant, got) in plants.zip(&mut shares) {
-            cells.walk(plot, plant.disk, |cells, cell| {
-                let moisture_mm = &plot.ground[cells.ground[cell] as usize].moisture_mm;
-                let (taken_mm, share) = (cells.taken_mm[cell], cells.share[cell]);
-                for (sum, there_mm) in got.water_mm.iter_mut().zip(moisture_mm) {
-                    *sum += (there_mm - taken_mm).max(0.0) * share;
-                }
-            });
+        let crowns = CrownCells::of(self, plot, plants);
+        let take = |(plant, runs): (&Competitor, _)| {
+            cells.take(plot, &traits[usize::from(plant.species)], runs)
+        };
+        let mut shares: Vec<Shares> = plants.iter().zip(crowns.of_plants()).map(take).collect();
+        for (got, runs) in shares.iter_mut().zip(crowns.of_plants()) {
+            cells.share_the_rest(plot, runs, got);
         }
         (shares, cells)
     }
 }
 
-impl CellStates {
-    fn under_canopy(tile: Tile, plot: &Plot) -> Self {
-        let count = tile.rows * tile.cols;
-        let mut cells = Self {
-            tile,
-            light: Vec::with_capacity(count),
-            taken_mm: Vec::with_capacity(count),
-            share: Vec::new(),
-            plants: Vec::with_capacity(count),
-            ground: Vec::with_capacity(count),
+impl CrownCells {
+    fn of(tile: Tile, plot: &Plot, plants: &[Competitor]) -> Self {
+        let mut crowns = Self {
+            runs: Vec::with_capacity(2 * plants.len()),
+            ends: Vec::with_capacity(plants.len()),
         };
-        for row in tile.row..tile.row + tile.rows {
-            for col in tile.col..tile.col + tile.cols {
-                let canopy = &plot.canopy[row * plot.cols + col];
-                cells.light.push(canopy.light_fraction);
-                cells.taken_mm.push(canopy.taken_mm);
-                cells.plants.push(canopy.trees);
-                cells.ground.push(plot.ground_of(row, col) as u32); // plots have fewer cells
-            }
+        for plant in plants {
+            crowns.add(tile, plot, plant.disk);
+            crowns.ends.push(crowns.runs.len() as u32); // far fewer than 2³²
         }
-        cells
+        crowns
     }
 
-    /// Visits the tile's cells under a crown by their index here.
     #[inline]
-    fn walk(&mut self, plot: &Plot, disk: Disk, mut visit: impl FnMut(&mut Self, usize)) {
-        let Tile { row: top, col: left, rows, cols } = self.tile;
+    fn add(&mut self, tile: Tile, plot: &Plot, disk: Disk) {
+        let Tile { row: top, col: left, rows, cols } = tile;
+        if disk.is_of_one_cell(plot.cell_m) {
+            let [row, col] = plot.cell_at(disk.east_m, disk.south_m);
+            self.runs.push(Run { first: ((row - top) * cols + col - left) as u16, count: 1 });
+            return;
+        }
         let crown_rows = disk.rows(plot.rows, plot.cell_m);
         for row in crown_rows.start.max(top)..crown_rows.end.min(top + rows) {
             let crown_cols = disk.cols(row, plot.cols, plot.cell_m);
-            let line = (row - top) * cols;
-            for col in crown_cols.start.max(left)..crown_cols.end.min(left + cols) {
-                visit(self, line + col - left);
+            let (first, end) = (crown_cols.start.max(left), crown_cols.end.min(left + cols));
+            if first < end {
+                let index = (row - top) * cols + first - left;
+                self.runs.push(Run { first: index as u16, count: (end - first) as u16 });
             }
         }
     }
 
-    fn count_shares(&mut self) {
-        self.share = self.plants.iter().map(|plants| 1.0 / (f32::from(*plants) + 1.0)).collect();
+    fn of_plants(&self) -> impl Iterator<Item = &[Run]> {
+        let mut start = 0;
+        self.ends.iter().map(move |end| {
+            let runs = &self.runs[start..*end as usize];
+            start = *end as usize;
+            runs
+        })
+    }
+}
+
+impl CellStates {
+    fn under_canopy(tile: Tile, plot: &Plot) -> Self {
+        let mut cells = Vec::with_capacity(tile.rows * tile.cols);
+        for row in tile.row..tile.row + tile.rows {
+            let canopy = &plot.canopy[row * plot.cols..(row + 1) * plot.cols];
+            cells.extend((tile.col..tile.col + tile.cols).map(|col| CellState {
+                light: canopy[col].light_fraction,
+                taken_mm: canopy[col].taken_mm,
+                sharers: f32::from(canopy[col].trees) + 1.0,
+                ground: plot.ground_of(row, col) as u32, // plots have fewer cells
+            }));
+        }
+        Self { tile, cells }
+    }
+
+    /// What a plant gets before all that are lower.
+    #[inline]
+    fn take(&mut self, plot: &Plot, traits: &Traits, runs: &[Run]) -> Shares {
+        let (keep, need_mm) = (traits.passed_light_fraction, traits.need_mm);
+        let mut got = Shares::default();
+        for run in runs {
+            let first = usize::from(run.first);
+            for cell in &mut self.cells[first..first + usize::from(run.count)] {
+                let moisture_mm = &plot.ground[cell.ground as usize].moisture_mm;
+                got.light += cell.light;
+                for (sum, there_mm) in got.water_mm.iter_mut().zip(moisture_mm) {
+                    let left_mm = (there_mm - cell.taken_mm).max(0.0);
+                    *sum += if left_mm < need_mm { left_mm } else { need_mm };
+                }
+                got.cells += 1.0;
+                cell.light *= keep;
+                cell.taken_mm += need_mm;
+                cell.sharers += 1.0;
+            }
+        }
+        got
+    }
+
+    /// Adds a plant's share of the water that is left when all have taken theirs.
+    #[inline]
+    fn share_the_rest(&self, plot: &Plot, runs: &[Run], got: &mut Shares) {
+        let mut sums = got.water_mm;
+        for run in runs {
+            let first = usize::from(run.first);
+            for cell in &self.cells[first..first + usize::from(run.count)] {
+                let moisture_mm = &plot.ground[cell.ground as usize].moisture_mm;
+                let share = 1.0 / cell.sharers;
+                for (sum, there_mm) in sums.iter_mut().zip(moisture_mm) {
+                    *sum += (there_mm - cell.taken_mm).max(0.0) * share;
+                }
+            }
+        }
+        got.water_mm = sums;
     }
 
     /// Light that reaches the ground of a cell, as a share.
     #[inline]
     pub fn light_at(&self, cell: usize) -> f32 {
-        self.light[cell]
+        self.cells[cell].light
     }
 
     /// Water that is kept for seeds in a cell, mm by month.
     #[inline]
     pub fn seed_water_mm(&self, cell: usize, plot: &Plot) -> [f32; MONTHS] {
-        let moisture_mm = &plot.ground[self.ground[cell] as usize].moisture_mm;
-        moisture_mm.map(|there_mm| (there_mm - self.taken_mm[cell]).max(0.0) * self.share[cell])
+        let CellState { taken_mm, sharers, ground, .. } = self.cells[cell];
+        let mut left_mm = plot.ground[ground as usize].moisture_mm;
+        let share = 1.0 / sharers;
+        left_mm.iter_mut().for_each(|mm| *mm = (*mm - taken_mm).max(0.0) * share);
+        left_mm
     }
 
     /// Index of the terrain cell of a cell.
     #[inline]
     pub fn ground_at(&self, cell: usize) -> usize {
-        self.ground[cell] as usize
+        self.cells[cell].ground as usize
     }
 
     /// The rectangle.

@@ -4,7 +4,7 @@
 //! forests ([`Parameters::peytavie2024`]). Plants compete on a fine grid. Crowns enter it once a year, as wide and as tall as
 //! they are then: so the shares of a year are worked out by one walk over the plants of a tile, the tallest first.
 //!
-//! Reading order: `parameters`, `plot` (ground and canopy), `seedbank`, `traits` (a species by month), `competition` (shares),
+//! Reading order: `parameters`, `plot` (ground and canopy), `seedbank`, `traits` (what a species asks for), `vigor`, `competition` (shares),
 //! `carbon_pool`, `mortality`, `germination`, `community` (the plants, and their year).
 //!
 //! # Reference
@@ -23,6 +23,7 @@ pub mod plot;
 mod reference;
 pub mod seedbank;
 mod traits;
+mod vigor;
 
 pub use community::{Community, YearFigures};
 pub use parameters::{Competition, GrowthCurve, Parameters};

@@ -254,6 +254,12 @@ pub(super) struct Disk {
 }
 
 impl Disk {
+    /// Whether it is too narrow to reach the middle of any cell but its own.
+    #[inline]
+    pub fn is_of_one_cell(&self, cell_m: f32) -> bool {
+        self.radius_m < 0.499 * cell_m
+    }
+
     /// Rows with cells of it: those whose middle it reaches, and that of its own middle.
     #[inline]
     pub fn rows(&self, rows: usize, cell_m: f32) -> Range<usize> {
@@ -328,6 +334,7 @@ mod tests {
             let expected: Vec<_> =
                 (0..900).map(|i| (i / 30, i % 30)).filter(|(r, c)| covers(*r, *c)).collect();
             assert_eq!(cells(disk), expected, "{disk:?}");
+            assert!(!disk.is_of_one_cell(0.2) || expected == [own]);
         }
     }
 

@@ -1,54 +1,14 @@
 //! Traits: what the year of a species asks for, worked out once.
 
-use super::mortality;
-use super::{GrowthCurve, Parameters};
+use super::vigor::Scaled;
+use super::{GrowthCurve, Parameters, mortality};
 use crate::math;
 use crate::raster::MONTHS;
-use crate::species::niche::{self, Niche, Tolerance};
+use crate::species::niche::Niche;
 use crate::species::{Biome, Form, Species};
-
-/// Steps of the table to one half width of a tolerance. Chosen: straight lines between them miss by less than 10⁻⁵.
-const STEPS: usize = 512;
-/// Half widths that the table reaches; farther out adaptation is all stress.
-const REACH: usize = 2;
 
 /// Shade share of plants that grow under a canopy or under each other.
 const AMONG_OTHERS: f32 = 1.0;
-
-/// Adaptation by distance from the ideal in half widths.
-#[derive(Clone)]
-pub struct AdaptationTable {
-    values: Vec<f32>,
-}
-
-impl AdaptationTable {
-    pub fn new() -> Self {
-        let at = |step: usize| niche::adaptation(step as f32 / STEPS as f32, 0.0, 1.0);
-        Self { values: (0..=REACH * STEPS + 1).map(at).collect() }
-    }
-
-    /// [`niche::adaptation`] to within 10⁻⁵.
-    #[inline]
-    pub fn adaptation(&self, value: f32, tolerance: Scaled) -> f32 {
-        let steps = ((value - tolerance.ideal).abs() * tolerance.steps).min((REACH * STEPS) as f32);
-        let step = steps as usize;
-        let [low, high] = [self.values[step], self.values[step + 1]];
-        low + (high - low) * (steps - step as f32)
-    }
-}
-
-/// A tolerance with its width in steps of the table.
-#[derive(Clone, Copy, Debug)]
-pub struct Scaled {
-    ideal: f32,
-    steps: f32,
-}
-
-impl Scaled {
-    fn of(tolerance: Tolerance) -> Self {
-        Self { ideal: tolerance.ideal, steps: STEPS as f32 / tolerance.half_width }
-    }
-}
 
 /// A species in the simulation.
 #[derive(Clone)]
@@ -135,19 +95,6 @@ pub fn least_water_mm(niche: &Niche) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_table_is_the_function() {
-        let table = AdaptationTable::new();
-        let tolerance = Tolerance { ideal: 80.0, half_width: 35.0 };
-        for step in 0..2000 {
-            let value = step as f32 * 0.12;
-            let (got, want) =
-                (table.adaptation(value, Scaled::of(tolerance)), tolerance.adaptation(value));
-            assert!((got - want).abs() < 2e-5, "{value}: {got} for {want}");
-        }
-        assert_eq!(table.adaptation(1e9, Scaled::of(tolerance)), -niche::MOST_STRESS);
-    }
 
     #[test]
     fn a_full_season_is_a_year_of_growth_and_full_age_is_full_height() {
