@@ -170,20 +170,26 @@ pub fn synthesis(biome: &Biome, seed: u64, reporter: &Reporter) -> Result<Vec<Fi
     ])
 }
 
-/// Difference of pairs a plant over all clusters: sum of |a − b| over the sum of b.
+/// How far distributions of disk distance lie apart: half the sum of |a − b| over the shares of the categories, mean over
+/// pairs of kinds that each have a hundred neighbours in `b`, weighed by those.
 fn pair_difference(a: &Measures, b: &Measures) -> f64 {
     let species = a.kinds() / 2;
-    let per_plant = |measures: &Measures| {
+    let histograms = |measures: &Measures| {
         let mut pairs = vec![0.0; species * 2 * species * BINS];
-        let row = pairs.len();
-        for cluster in measures.pairs.chunks(row) {
+        for cluster in measures.pairs.chunks(pairs.len()) {
             pairs.iter_mut().zip(cluster).for_each(|(sum, count)| *sum += f64::from(*count));
         }
-        let plants: f64 = measures.plants.iter().map(|count| f64::from(*count)).sum();
-        pairs.iter_mut().for_each(|sum| *sum /= plants.max(1.0));
         pairs
     };
-    let (a, b) = (per_plant(a), per_plant(b));
-    let apart: f64 = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).sum();
-    apart / b.iter().sum::<f64>().max(1e-9)
+    let (a, b) = (histograms(a), histograms(b));
+    let (mut apart, mut weight) = (0.0, 0.0);
+    for (a, b) in a.chunks(BINS).zip(b.chunks(BINS)) {
+        let (of_a, of_b) = (a.iter().sum::<f64>(), b.iter().sum::<f64>());
+        if of_b >= 100.0 {
+            let share = |(a, b): (&f64, &f64)| (a / of_a.max(1.0) - b / of_b).abs();
+            apart += of_b * 0.5 * a.iter().zip(b).map(share).sum::<f64>();
+            weight += of_b;
+        }
+    }
+    apart / f64::max(weight, 1.0)
 }

@@ -14,7 +14,7 @@ use super::germination::{self, Seedling};
 use super::plot::{Disk, Plot};
 use super::traits::Traits;
 use super::vigor::Offer;
-use super::{Parameters, carbon_pool, mortality};
+use super::{Competition, Parameters, carbon_pool, intersection, mortality};
 use crate::rng::{self, Key, Process};
 use crate::species::Biome;
 
@@ -64,6 +64,8 @@ struct Grown {
     plant: u32,
     idealized_age_years: f32,
     carbon_pool: f32,
+    /// The least that the pool held at the end of a month.
+    lowest_pool: f32,
 }
 
 /// A plant that lives on, as large as it has grown.
@@ -140,8 +142,8 @@ impl Community {
     pub fn live_a_year(&mut self) -> YearFigures {
         self.year += 1;
         let plants = self.len();
-        let seedlings = self.grow();
-        let deaths = self.die();
+        let (seedlings, lowest_pool) = self.grow();
+        let deaths = self.die(&lowest_pool);
         self.add(&seedlings);
         YearFigures { plants, deaths, sprouted: seedlings.len() }
     }
@@ -163,8 +165,8 @@ impl Community {
         });
     }
 
-    /// Twelve months of growth under competition; gives the year's seedlings.
-    fn grow(&mut self) -> Vec<Seedling> {
+    /// Twelve months of growth under competition; gives the year's seedlings, and how low each plant's carbon pool fell.
+    fn grow(&mut self) -> (Vec<Seedling>, Vec<f32>) {
         let tiles = Tile::all(&self.plot);
         let by_tile = self.by_tile(tiles.len());
         let mut years: Vec<TileYear> = tiles
@@ -192,11 +194,14 @@ impl Community {
         let set = |values: &mut [f32], of: fn(&Grown) -> f32| {
             grown().for_each(|grown| values[grown.plant as usize] = of(grown));
         };
-        rayon::join(
-            || set(&mut self.idealized_age_years, |grown| grown.idealized_age_years),
-            || set(&mut self.carbon_pool, |grown| grown.carbon_pool),
-        );
-        seedlings
+        let mut lowest_pool = vec![0.0; self.id.len()];
+        rayon::scope(|measures| {
+            measures
+                .spawn(|_| set(&mut self.idealized_age_years, |grown| grown.idealized_age_years));
+            measures.spawn(|_| set(&mut self.carbon_pool, |grown| grown.carbon_pool));
+            measures.spawn(|_| set(&mut lowest_pool, |grown| grown.lowest_pool));
+        });
+        (seedlings, lowest_pool)
     }
 
     /// Plants that reach into each tile.
@@ -292,19 +297,32 @@ impl Community {
         water_mm.iter_mut().for_each(|mm| *mm *= per_cell);
         let vigor = Offer::new(ground, light, water_mm).vigor(traits);
         let (mut pool, mut age_years) = (self.carbon_pool[index], self.idealized_age_years[index]);
+        let mut lowest_pool = f32::INFINITY;
         for (vigor, years) in vigor.into_iter().zip(traits.years_a_month) {
             let overflow;
             (pool, overflow) = carbon_pool::after_month(pool, vigor, self.parameters.pool_capacity);
             age_years += overflow * years;
+            lowest_pool = if pool < lowest_pool { pool } else { lowest_pool };
         }
-        Grown { plant, idealized_age_years: age_years, carbon_pool: pool }
+        Grown { plant, idealized_age_years: age_years, carbon_pool: pool, lowest_pool }
     }
 
     /// The yearly test of death, and the end of what has reached the canopy; gives the number of deaths.
-    fn die(&mut self) -> usize {
+    fn die(&mut self, lowest_pool: &[f32]) -> usize {
         let before = self.len();
+        let dominated = match self.parameters.competition {
+            Competition::Resources => Vec::new(),
+            Competition::Intersection => {
+                let disks: Vec<Disk> = (0..before).map(|plant| self.disk(plant)).collect();
+                intersection::dominated(&disks, &self.height_m, &self.id)
+            }
+        };
+        let is_dominated = |plant: u32| dominated.get(plant as usize) == Some(&true);
         let plants = (0..before as u32).into_par_iter(); // far fewer than 2³²
-        let survivors: Vec<Survivor> = plants.filter_map(|plant| self.survivor(plant)).collect();
+        let survivors: Vec<Survivor> = plants
+            .filter(|plant| !is_dominated(*plant))
+            .filter_map(|plant| self.survivor(plant, lowest_pool[plant as usize]))
+            .collect();
         rayon::scope(|measures| {
             measures.spawn(|_| keep(&mut self.id, &survivors));
             measures.spawn(|_| keep(&mut self.species, &survivors));
@@ -321,11 +339,11 @@ impl Community {
     }
 
     /// A plant with the size it has grown to, if it lives on.
-    fn survivor(&self, plant: u32) -> Option<Survivor> {
+    fn survivor(&self, plant: u32, lowest_pool: f32) -> Option<Survivor> {
         let index = plant as usize;
         let traits = &self.traits[usize::from(self.species[index])];
         let background = traits.background_death_probability_per_year;
-        let chance = mortality::death_probability_per_year(background, self.carbon_pool[index]);
+        let chance = mortality::death_probability_per_year(background, lowest_pool);
         let (seed, entity) = (self.seed, self.id[index]);
         let key = Key { seed, process: Process::PlantDeath, year: self.year, month: 0, entity };
         if chance >= 1.0 || rng::uniforms(key)[0] < chance {

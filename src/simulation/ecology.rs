@@ -131,6 +131,12 @@ fn count(community: &Community, species: Option<u16>, is_there: impl Fn([f32; 2]
     (0..community.len()).filter(is_counted).count() as f64
 }
 
+/// Area of a species' crowns, m².
+fn crown_area_m2(community: &Community, species: u16) -> f64 {
+    let own = (0..community.len()).filter(|plant| community.species[*plant] == species);
+    own.map(|plant| std::f64::consts::PI * f64::from(community.crown_radius_m[plant]).powi(2)).sum()
+}
+
 /// Slope of log mean crown volume against log density in an even-aged stand of one species once it is crowded.
 ///
 /// # Reference
@@ -195,25 +201,23 @@ pub fn succession(biome: &Biome) -> Vec<Finding> {
     let plot = Plot::new([SIDE_M; 2], 1.0, cells, &trees, biome, &parameters);
     let mut community = Community::new(plot, biome, parameters, 1);
     let [fast, slow] = ["silver-birch", "european-beech"].map(|key| species_of(biome, key));
-    let by_year = live(&mut community, 150, |community| {
-        [fast, slow].map(|species| count(community, Some(species), |_| true))
+    let by_year = live(&mut community, 200, |community| {
+        [fast, slow].map(|species| crown_area_m2(community, species))
     });
-    let peak = |of: usize| {
-        let best = by_year.iter().enumerate().max_by(|a, b| a.1[of].total_cmp(&b.1[of]));
-        best.map_or((0, 0.0), |(year, counts)| (year, counts[of]))
-    };
-    let end = |of: usize| by_year[120..].iter().map(|counts| counts[of]).sum::<f64>() / 30.0;
+    let peak = by_year.iter().enumerate().max_by(|a, b| a.1[0].total_cmp(&b.1[0]));
+    let at_peak = peak.map_or(0, |(year, _)| year);
+    let end = |of: usize| by_year[170..].iter().map(|areas| areas[of]).sum::<f64>() / 30.0;
     vec![
         Finding {
-            name: "succession: birch at its peak over birch at the end",
-            value: peak(0).1 / end(0).max(1.0),
+            name: "succession: crowns of birch at their peak over those at the end",
+            value: by_year[at_peak][0] / end(0).max(1.0),
             low: 1.5,
             high: f64::INFINITY,
         },
         Finding {
-            name: "succession: years that beech peaks after birch",
-            value: peak(1).0 as f64 - peak(0).0 as f64,
-            low: 5.0,
+            name: "succession: crowns of beech at the end over those at the peak of birch",
+            value: end(1) / by_year[at_peak][1].max(1.0),
+            low: 1.2,
             high: f64::INFINITY,
         },
     ]

@@ -5,7 +5,8 @@
 //! they are then: so the shares of a year are worked out by one walk over the plants of a tile, the tallest first.
 //!
 //! Reading order: `parameters`, `plot` (ground and canopy), `seedbank`, `traits` (what a species asks for), `vigor`, `competition` (shares),
-//! `carbon_pool`, `mortality`, `germination`, `community` (the plants, and their year).
+//! `carbon_pool`, `mortality`, `germination`, `community` (the plants, and their year); `intersection` (competition of another
+//! kind, for comparison), `ecology` (what emerges).
 //!
 //! # Reference
 //! Kapp et al. 2020, section 6.1, Algorithm 2, doi:10.1145/3414685.3417848; Peytavie et al. 2024, section 5,
@@ -16,6 +17,7 @@ pub mod community;
 mod competition;
 pub mod ecology;
 mod germination;
+mod intersection;
 pub mod mortality;
 pub mod parameters;
 pub mod plot;

@@ -13,16 +13,18 @@ pub fn background_death_probability_per_year(survivors_fraction: f32, max_age_ye
     1.0 - math::powf(survivors_fraction, 1.0 / max_age_years)
 }
 
-/// Chance that a live plant dies within the year, in 0..=1: background plus how far its carbon pool is overdrawn.
+/// Chance that a live plant dies within the year, in 0..=1: background plus how far its carbon pool was overdrawn when it was
+/// lowest.
 ///
 /// # Reference
 /// Kapp et al. 2020: μ = min(μ_b + μ_s, 1), μ_s = max(−R_i, 0); Peytavie et al. 2024, Eqs. 6–8.
 /// # Departures
 /// Kapp prints a test every month, with a lifespan in years: a fern of five years would die within months. The test is
-/// yearly, as Peytavie's (PAPER_NOTES §7).
+/// yearly, as Peytavie's (PAPER_NOTES §7), and on the year's worst month: where winters are kind, a test at New Year lets
+/// ferns live in full sun, whose summer kills them.
 #[inline]
-pub fn death_probability_per_year(background_per_year: f32, carbon_pool: f32) -> f32 {
-    (background_per_year + (-carbon_pool).max(0.0)).min(1.0)
+pub fn death_probability_per_year(background_per_year: f32, lowest_carbon_pool: f32) -> f32 {
+    (background_per_year + (-lowest_carbon_pool).max(0.0)).min(1.0)
 }
 
 #[cfg(test)]

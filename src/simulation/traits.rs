@@ -1,7 +1,7 @@
 //! Traits: what the year of a species asks for, worked out once.
 
 use super::vigor::Scaled;
-use super::{GrowthCurve, Parameters, mortality};
+use super::{Competition, GrowthCurve, Parameters, mortality};
 use crate::math;
 use crate::raster::MONTHS;
 use crate::species::niche::Niche;
@@ -36,6 +36,7 @@ pub struct Traits {
 impl Traits {
     /// Traits of every species of a biome.
     pub fn of(biome: &Biome, parameters: &Parameters) -> Vec<Self> {
+        let for_resources = parameters.competition == Competition::Resources;
         let of_species = |species: &Species| {
             let season = species.growing_season;
             let month_years = 1.0 / f32::from(season.months());
@@ -47,8 +48,12 @@ impl Traits {
                 moisture_mm: Scaled::of(species.niche.moisture_mm),
                 temperature_c: Scaled::of(species.niche.temperature_c),
                 slope_rad: Scaled::of(species.niche.slope_rad),
-                passed_light_fraction: 1.0 - species.absorbed_light_fraction,
-                need_mm: least_water_mm(&species.niche),
+                passed_light_fraction: if for_resources {
+                    1.0 - species.absorbed_light_fraction
+                } else {
+                    1.0
+                },
+                need_mm: if for_resources { least_water_mm(&species.niche) } else { 0.0 },
                 years_a_month: std::array::from_fn(years),
                 background_death_probability_per_year:
                     mortality::background_death_probability_per_year(
