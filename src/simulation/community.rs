@@ -115,6 +115,21 @@ impl Community {
         self.id.is_empty()
     }
 
+    /// Memory that the plants take, with what their arrays have room for.
+    pub fn plant_bytes(&self) -> usize {
+        let measures = [
+            &self.east_m,
+            &self.south_m,
+            &self.idealized_age_years,
+            &self.carbon_pool,
+            &self.height_m,
+            &self.crown_radius_m,
+        ];
+        self.id.capacity() * size_of::<u64>()
+            + self.species.capacity() * size_of::<u16>()
+            + measures.iter().map(|values| values.capacity() * size_of::<f32>()).sum::<usize>()
+    }
+
     /// Years simulated.
     pub fn year(&self) -> u16 {
         self.year

@@ -183,23 +183,23 @@ impl CellStates {
     #[inline]
     fn take(&mut self, plot: &Plot, traits: &Traits, runs: &[Run]) -> Shares {
         let (keep, need_mm) = (traits.passed_light_fraction, traits.need_mm);
-        let mut got = Shares::default();
+        let (mut light, mut water_mm, mut cells) = (0.0, [0.0; MONTHS], 0.0);
         for run in runs {
             let first = usize::from(run.first);
             for cell in &mut self.cells[first..first + usize::from(run.count)] {
                 let moisture_mm = &plot.ground[cell.ground as usize].moisture_mm;
-                got.light += cell.light;
-                for (sum, there_mm) in got.water_mm.iter_mut().zip(moisture_mm) {
+                light += cell.light;
+                for (sum, there_mm) in water_mm.iter_mut().zip(moisture_mm) {
                     let left_mm = (there_mm - cell.taken_mm).max(0.0);
                     *sum += if left_mm < need_mm { left_mm } else { need_mm };
                 }
-                got.cells += 1.0;
+                cells += 1.0;
                 cell.light *= keep;
                 cell.taken_mm += need_mm;
                 cell.sharers += 1.0;
             }
         }
-        got
+        Shares { light, water_mm, cells }
     }
 
     /// Adds a plant's share of the water that is left when all have taken theirs.

@@ -239,6 +239,21 @@ impl Plot {
         [cell(south_m, self.rows), cell(east_m, self.cols)]
     }
 
+    /// Number of simulation cells.
+    pub fn cells(&self) -> usize {
+        self.rows * self.cols
+    }
+
+    /// Memory that it takes, ground and canopy together.
+    pub fn bytes(&self) -> usize {
+        let Self { ground, seeds, canopy, ground_row, ground_col, .. } = self;
+        size_of_val(&ground[..])
+            + size_of_val(&seeds[..])
+            + size_of_val(&canopy[..])
+            + size_of_val(&ground_row[..])
+            + size_of_val(&ground_col[..])
+    }
+
     /// Area in m².
     pub fn area_m2(&self) -> f32 {
         (self.rows * self.cols) as f32 * self.cell_m * self.cell_m

@@ -152,9 +152,8 @@ fn exp2(power: f32) -> f32 {
     const ONE_EXPONENT: u32 = 127;
     let shifted = power + WHOLE;
     let x = power - (shifted - WHOLE);
-    let fraction = 1.0
-        + x * (0.693_147_2
-            + x * (0.240_223_49 + x * (0.055_503_81 + x * (0.009_666_368 + x * 0.001_338_130_3))));
+    let high = 0.055_503_81 + x * (0.009_666_368 + x * 0.001_338_130_3);
+    let fraction = 1.0 + x * (std::f32::consts::LN_2 + x * (0.240_223_5 + x * high));
     fraction * f32::from_bits(shifted.to_bits().wrapping_add(ONE_EXPONENT) << 23)
 }
 
