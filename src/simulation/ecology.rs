@@ -34,17 +34,15 @@ impl Finding {
 /// Plants at least so high are counted, m: seedlings come and go.
 const COUNTED_M: f32 = 0.1;
 
-/// All experiments on Sonoma's and the Pyrenees' species.
+/// All experiments, on Sonoma's species.
 ///
 /// # Errors
 /// [`Cancelled`] once the run was cancelled.
 pub fn run(reporter: &Reporter) -> Result<Vec<Finding>, Cancelled> {
     let sonoma = Biome::builtin("sonoma").expect("a built-in biome is sound");
-    let pyrenees = Biome::builtin("pyrenees").expect("a built-in biome is sound");
-    let experiments: [&(dyn Fn() -> Vec<Finding> + Sync); 6] = [
+    let experiments: [&dyn Fn() -> Vec<Finding>; 5] = [
         &|| vec![self_thinning(&sonoma)],
-        &|| succession(&pyrenees),
-        &|| vec![equilibrium(&sonoma)],
+        &|| succession_and_equilibrium(&sonoma),
         &|| gradients(&sonoma),
         &|| gap_dynamics(&sonoma),
         &|| vec![clustering(&sonoma)],
@@ -183,73 +181,59 @@ fn slope(points: &[[f64; 2]]) -> f64 {
     if xx > 0.0 { xy.signum() * (yy / xx).sqrt() } else { f64::NAN }
 }
 
-/// How far the birch, fast and short-lived, comes down from its peak while slower species still gain.
-///
-/// # Reference
-/// Kapp et al. 2020, Fig. 15: fast species peak, then yield to slower ones that suit the site better.
-pub fn succession(biome: &Biome) -> Vec<Finding> {
+/// Oak woodland with a glade, from bare ground: crown areas of poison oak and laurel, and all plants, year by year.
+fn oak_woodland(biome: &Biome) -> Vec<([f64; 2], f64)> {
     const SIDE_M: usize = 40;
     let parameters = Parameters::kapp2020();
-    let trees = rows_of_trees(
-        biome,
-        &["silver-birch", "european-beech", "mountain-pine"],
-        40.0,
-        10.0,
-        |_| false,
-    );
-    let cells = even(SIDE_M, ground(8.0, 42.0, 12.0));
+    let trees =
+        rows_of_trees(biome, &["california-black-oak", "coast-live-oak"], 40.0, 10.0, |place| {
+            (place[0] - 20.0).hypot(place[1] - 20.0) < 12.0
+        });
+    let cells = even(SIDE_M, ground(8.0, 60.0, 16.0));
     let plot = Plot::new([SIDE_M; 2], 1.0, cells, &trees, biome, &parameters);
     let mut community = Community::new(plot, biome, parameters, 1);
-    let [fast, slow] = ["silver-birch", "european-beech"].map(|key| species_of(biome, key));
-    let by_year = live(&mut community, 200, |community| {
-        [fast, slow].map(|species| crown_area_m2(community, species))
-    });
-    let peak = by_year.iter().enumerate().max_by(|a, b| a.1[0].total_cmp(&b.1[0]));
+    let species = ["pacific-poison-oak", "california-laurel"].map(|key| species_of(biome, key));
+    live(&mut community, 200, |community| {
+        let areas_m2 = species.map(|species| crown_area_m2(community, species));
+        (areas_m2, community.len() as f64)
+    })
+}
+
+/// How far a fast species comes down from its peak, and how much a slow one gains meanwhile; then, how far the number of plants
+/// strays from its mean in the last 50 years of 200.
+///
+/// # Reference
+/// Kapp et al. 2020, Fig. 15: fast species peak, then laurel, slower but better suited, gains; a dynamic equilibrium from about
+/// year 125 on.
+pub fn succession_and_equilibrium(biome: &Biome) -> Vec<Finding> {
+    let by_year = oak_woodland(biome);
+    let peak = by_year.iter().enumerate().max_by(|(_, a), (_, b)| a.0[0].total_cmp(&b.0[0]));
     let at_peak = peak.map_or(0, |(year, _)| year);
-    let end = |of: usize| by_year[170..].iter().map(|areas| areas[of]).sum::<f64>() / 30.0;
+    let last = &by_year[150..];
+    let mean =
+        |of: &dyn Fn(&([f64; 2], f64)) -> f64| last.iter().map(of).sum::<f64>() / last.len() as f64;
+    let plants = mean(&|year| year.1);
+    let strays = last.iter().map(|year| (year.1 / plants - 1.0).abs()).fold(0.0, f64::max);
     vec![
         Finding {
-            name: "succession: crowns of birch at their peak over those at the end",
-            value: by_year[at_peak][0] / end(0).max(1.0),
+            name: "succession: crowns of poison oak at their peak over those at the end",
+            value: by_year[at_peak].0[0] / mean(&|year| year.0[0]),
             low: 1.5,
             high: f64::INFINITY,
         },
         Finding {
-            name: "succession: crowns of beech at the end over those at the peak of birch",
-            value: end(1) / by_year[at_peak][1].max(1.0),
-            low: 1.2,
+            name: "succession: crowns of laurel at the end over those at that peak",
+            value: mean(&|year| year.0[1]) / by_year[at_peak].0[1].max(1.0),
+            low: 3.0,
             high: f64::INFINITY,
         },
+        Finding {
+            name: "equilibrium: farthest from the mean, years 151–200",
+            value: strays,
+            low: 0.0,
+            high: 0.1,
+        },
     ]
-}
-
-/// Farthest that the number of plants strays from its mean in the last 50 years of 200.
-///
-/// # Reference
-/// Kapp et al. 2020, Fig. 15: a dynamic equilibrium from about year 125 on.
-pub fn equilibrium(biome: &Biome) -> Finding {
-    const SIDE_M: usize = 40;
-    let parameters = Parameters::kapp2020();
-    let trees = rows_of_trees(
-        biome,
-        &["redwood", "douglas-fir", "california-black-oak"],
-        40.0,
-        8.0,
-        |[east_m, _]| east_m > 28.0,
-    );
-    let cells = even(SIDE_M, ground(8.0, 80.0, 16.0));
-    let plot = Plot::new([SIDE_M; 2], 1.0, cells, &trees, biome, &parameters);
-    let mut community = Community::new(plot, biome, parameters, 1);
-    let by_year = live(&mut community, 200, |community| community.len() as f64);
-    let last = &by_year[150..];
-    let mean = last.iter().sum::<f64>() / last.len() as f64;
-    let most = last.iter().map(|plants| (plants / mean - 1.0).abs()).fold(0.0, f64::max);
-    Finding {
-        name: "equilibrium: farthest from the mean, years 151–200",
-        value: most,
-        low: 0.0,
-        high: 0.1,
-    }
 }
 
 /// How much denser shade plants stand in moist shade than in dry sun, and sagebrush the other way round.
@@ -409,13 +393,8 @@ mod tests {
     }
 
     #[test]
-    fn fast_species_peak_and_yield() {
-        assert_right(succession(&Biome::builtin("pyrenees").unwrap()));
-    }
-
-    #[test]
-    fn numbers_come_to_an_equilibrium() {
-        assert_right([equilibrium(&Biome::builtin("sonoma").unwrap())]);
+    fn fast_species_peak_and_yield_and_numbers_come_to_an_equilibrium() {
+        assert_right(succession_and_equilibrium(&Biome::builtin("sonoma").unwrap()));
     }
 
     #[test]
