@@ -62,13 +62,16 @@ pub struct StatisticsRequest {
     pub output: PathBuf,
     /// Folder that keeps simulated plots.
     pub work: PathBuf,
-    /// Years that are simulated; plants are counted in the last one, and 25 and 50 years before.
+    /// Years that are simulated; plants are counted in every tenth of the last [`COUNTED_YEARS`].
     pub years: u16,
     /// Another seed, other plots.
     pub seed: u64,
 }
 
-/// Least years that leave something to count 50 years before.
+/// Last years that plants are counted in. Chosen: cohorts of gaps come and go within them.
+pub const COUNTED_YEARS: u16 = 50;
+
+/// Least years that leave as many to count in.
 pub const LEAST_YEARS: u16 = 60;
 
 impl StatisticsRequest {
@@ -335,17 +338,20 @@ impl HeldOut {
         &self.grown.site
     }
 
-    /// Its wettest plot after so many years, and where in it that lies.
+    /// Its plots after so many years, and where in it they lie.
     pub fn simulate(
         &self,
         biome: &Biome,
         years: u16,
         reporter: &Reporter,
-    ) -> Result<(CellWindow, Sample), Error> {
+    ) -> Result<Vec<(CellWindow, Sample)>, Error> {
         let parameters = Parameters::undergrowth(biome);
         let conditions = Conditions::under(&self.grown.trees, &self.grown.site, biome, &parameters);
-        let sample = self.grown.simulate(0, biome, years, self.seed, reporter)?;
-        Ok((self.grown.window(0, &conditions), sample))
+        let plot = |plot| {
+            let sample = self.grown.simulate(plot, biome, years, self.seed, reporter)?;
+            Ok((self.grown.window(plot, &conditions), sample))
+        };
+        (0..PLOTS).into_par_iter().map(plot).collect()
     }
 }
 
@@ -396,7 +402,7 @@ impl Grown {
             reporter.check_cancelled()?;
             community.live_a_year();
             plants_by_year.push(community.len() as u32); // far fewer than 2³²
-            if year + 50 >= last_year && (last_year - year).is_multiple_of(25) {
+            if year + COUNTED_YEARS >= last_year && (last_year - year).is_multiple_of(10) {
                 let mut plants = Disks::default();
                 for plant in 0..community.len() {
                     let height_m = community.height_m[plant];

@@ -4,9 +4,10 @@ use super::Error;
 use super::statistics::HeldOut;
 use crate::progress::Reporter;
 use crate::raster::Mask;
-use crate::simulation::Parameters;
 use crate::simulation::ecology::{self, Finding};
+use crate::simulation::{CellWindow, Parameters};
 use crate::species::Biome;
+use crate::undergrowth::analysis::Sample;
 use crate::undergrowth::disk_distance::BINS;
 use crate::undergrowth::disks::Disks;
 use crate::undergrowth::measures::Measures;
@@ -29,13 +30,14 @@ pub fn run(reporter: &Reporter) -> Result<Vec<Finding>, Error> {
     Ok(findings)
 }
 
-/// What a plot holds, cluster by cluster.
-struct Counted {
-    measures: Measures,
-    plants: f64,
+/// A simulated plot, and the clusters of its cells.
+struct Plot {
+    window: CellWindow,
+    simulated: Sample,
+    cluster_of_cell: Vec<Option<u16>>,
 }
 
-/// Synthesised undergrowth beside simulated, on a held-out landscape of conifers.
+/// Synthesised undergrowth beside simulated, on plots of a held-out landscape of conifers.
 ///
 /// # Reference
 /// Kapp et al. 2020, Fig. 11.
@@ -43,67 +45,59 @@ struct Counted {
 /// # Errors
 /// A cancelled run, or a biome without statistics.
 pub fn synthesis(biome: &Biome, seed: u64, reporter: &Reporter) -> Result<Vec<Finding>, Error> {
-    let usage =
-        |e: crate::undergrowth::statistics::StatisticsError| Error::Usage { what: e.to_string() };
-    let statistics = Statistics::builtin(biome).map_err(usage)?;
+    let statistics =
+        Statistics::builtin(biome).map_err(|e| Error::Usage { what: e.to_string() })?;
     let stage = reporter.stage("synthesis", 3);
-    let held_out = HeldOut::grow(biome, 1, seed, &reporter.silenced())?;
-    let (window, simulated) = held_out.simulate(biome, YEARS, reporter)?;
+    let silent = reporter.silenced();
+    let held_out = HeldOut::grow(biome, 1, seed, &silent)?;
+    let finder = ClusterFinder::new(&statistics);
+    let plots: Vec<Plot> = held_out
+        .simulate(biome, YEARS, reporter)?
+        .into_iter()
+        .map(|(window, simulated)| {
+            let cluster_of = |cell: usize| {
+                let sub_biomes = simulated.seeds_of(cell).sub_biomes;
+                let clusters = finder.clusters(sub_biomes);
+                let is_counted = sub_biomes != 0 && simulated.is_inside(cell);
+                is_counted.then(|| finder.nearest(&simulated.abiotics[cell], clusters) as u16)
+            };
+            let cluster_of_cell = (0..simulated.abiotics.len()).map(cluster_of).collect();
+            Plot { window, simulated, cluster_of_cell }
+        })
+        .collect();
     stage.advance(1);
 
     // the same ground, synthesised
-    let conditions = Conditions::under(
-        held_out.trees(),
-        held_out.site(),
-        biome,
-        &Parameters::undergrowth(biome),
-    );
-    let frame = held_out.site().slope_rad.frame();
-    let trees = Trees::of(held_out.trees(), frame.rows as f32 * frame.cell_m());
+    let (trees, site) = (held_out.trees(), held_out.site());
+    let conditions = Conditions::under(trees, site, biome, &Parameters::undergrowth(biome));
+    let frame = site.slope_rad.frame();
+    let trees = Trees::of(trees, frame.rows as f32 * frame.cell_m());
     let allowed = Mask::new(vec![true; frame.len()]);
-    let silent = reporter.silenced();
     let mut grown =
         sampling::sample(&conditions, &allowed, &trees, &statistics, biome, seed, &silent)?;
-    let [west_m, north_m] =
-        [window.cols.start, window.rows.start].map(|cell| cell as f32 * frame.cell_m());
-    let cut = |grown: &Undergrowth| {
-        let mut disks = Disks::default();
-        for plant in 0..grown.disks.len() {
-            let place = [grown.disks.east_m[plant] - west_m, grown.disks.south_m[plant] - north_m];
-            let is_in = |m: f32, cells: usize| (0.0..cells as f32 * frame.cell_m()).contains(&m);
-            if is_in(place[0], window.cols.len()) && is_in(place[1], window.rows.len()) {
-                let (radius_m, height_m) =
-                    (grown.disks.radius_m[plant], grown.disks.height_m[plant]);
-                disks.push(grown.disks.species[plant], place, radius_m, height_m);
-            }
-        }
-        disks
-    };
-    let finder = ClusterFinder::new(&statistics);
-    let cluster_of_cell: Vec<Option<u16>> = (0..simulated.abiotics.len())
-        .map(|cell| {
-            let clusters = finder.clusters(simulated.seeds_of(cell).sub_biomes);
-            let is_counted = simulated.seeds_of(cell).sub_biomes != 0 && simulated.is_inside(cell);
-            is_counted.then(|| finder.nearest(&simulated.abiotics[cell], clusters) as u16)
-        })
-        .collect();
     let (clusters, species) = (statistics.clusters.len(), biome.species.len());
-    let counted = |plants: &Disks| {
-        let cluster_of: Vec<Option<u16>> = (plants.east_m.iter().zip(&plants.south_m))
-            .map(|(east_m, south_m)| cluster_of_cell[simulated.cell_at(*east_m, *south_m)])
+    let counted = |plot: &Plot, plants: &Disks| {
+        let cell_at = |(east_m, south_m)| plot.simulated.cell_at(east_m, south_m);
+        let cluster_of: Vec<Option<u16>> = (plants.east_m.iter().copied())
+            .zip(plants.south_m.iter().copied())
+            .map(|place| plot.cluster_of_cell[cell_at(place)])
             .collect();
-        let measures = Measures::of(clusters, species, plants, &cluster_of, &simulated.trees);
-        let plants = measures.plants.iter().map(|count| f64::from(*count)).sum();
-        Counted { measures, plants }
+        Measures::of(clusters, species, plants, &cluster_of, &plot.simulated.trees)
     };
-    // years differ by chance: their mean is what synthesis is held to
-    let mut mean = Measures::new(clusters, species);
-    for (_, plants) in &simulated.years {
-        mean.add(&counted(plants).measures);
+    let of_grown = |grown: &Undergrowth| {
+        let mut measures = Measures::new(clusters, species);
+        for plot in &plots {
+            measures.add(&counted(plot, &cut(grown, &plot.window, frame.cell_m())));
+        }
+        measures
+    };
+    // years differ by chance: synthesis is held to all of them together
+    let mut simulated = Measures::new(clusters, species);
+    for plot in &plots {
+        plot.simulated.years.iter().for_each(|(_, plants)| simulated.add(&counted(plot, plants)));
     }
-    let years = simulated.years.len() as f64;
-    let plants = mean.plants.iter().map(|count| f64::from(*count)).sum::<f64>() / years;
-    let sampled = counted(&cut(&grown));
+    let years = plots.first().map_or(1, |plot| plot.simulated.years.len()) as f64;
+    let sampled = of_grown(&grown);
     stage.advance(1);
     let figures = refinement::refine(
         &mut grown,
@@ -116,67 +110,82 @@ pub fn synthesis(biome: &Biome, seed: u64, reporter: &Reporter) -> Result<Vec<Fi
         seed,
         &silent,
     )?;
-    let refined = counted(&cut(&grown));
+    let refined = of_grown(&grown);
     stage.advance(1);
 
+    let sum = |counts: &mut dyn Iterator<Item = &u32>| counts.map(|c| f64::from(*c)).sum::<f64>();
+    let all = |measures: &Measures| sum(&mut measures.plants.iter());
     let share = |measures: &Measures, of: usize| {
-        let total: f64 = measures.plants.iter().map(|count| f64::from(*count)).sum();
-        let own: f64 =
-            measures.plants.iter().skip(of).step_by(species).map(|c| f64::from(*c)).sum();
-        own / total.max(1.0)
+        sum(&mut measures.plants.iter().skip(of).step_by(species)) / all(measures).max(1.0)
     };
     let farthest_share = (0..species)
-        .map(|of| (share(&sampled.measures, of) - share(&mean, of)).abs())
+        .map(|of| (share(&sampled, of) - share(&simulated, of)).abs())
         .fold(0.0, f64::max);
     // clusters with a hundred plants a year, each weighed by its plants
     let (mut apart, mut weight) = (0.0, 0.0);
     for cluster in 0..clusters {
-        let of = |measures: &Measures| {
-            let counts = &measures.plants[cluster * species..(cluster + 1) * species];
-            counts.iter().map(|count| f64::from(*count)).sum::<f64>()
-        };
-        let simulated = of(&mean) / years;
-        if simulated >= 100.0 {
-            apart += (of(&sampled.measures) - simulated).abs();
-            weight += simulated;
+        let own = cluster * species..(cluster + 1) * species;
+        let of = |measures: &Measures| sum(&mut measures.plants[own.clone()].iter());
+        let wanted = of(&simulated) / years;
+        if wanted >= 100.0 {
+            apart += (of(&sampled) - wanted).abs();
+            weight += wanted;
         }
     }
-    let before = figures.differences.first().copied().unwrap_or(0.0);
-    let after = figures.differences.last().copied().unwrap_or(0.0);
-    let to_simulated = |counted: &Counted| pair_difference(&counted.measures, &mean);
+    let density = all(&sampled) * years / all(&simulated).max(1.0);
+    let [before, .., after] = figures.differences[..] else {
+        return Err(Error::Failed { what: "refinement made no sweep".to_owned() });
+    };
     let finding = |name, value, high| Finding { name, value, low: 0.0, high };
     Ok(vec![
-        finding("synthesis: farthest species share from simulation", farthest_share, 0.05),
-        finding(
-            "synthesis: density off simulation's, all ground",
-            (sampled.plants / plants - 1.0).abs(),
-            0.1,
-        ),
+        finding("synthesis: farthest species share from simulation's", farthest_share, 0.05),
+        finding("synthesis: density off simulation's", (density - 1.0).abs(), 0.1),
         finding(
             "synthesis: density off simulation's, mean of clusters",
             apart / f64::max(weight, 1.0),
             0.1,
         ),
         finding(
-            "refinement: pair difference from statistics, after over before",
-            after / before.max(1e-9),
-            0.5,
+            "synthesis: pair distances off simulation's, sampled",
+            pair_difference(&sampled, &simulated),
+            0.02,
         ),
         finding(
-            "refinement: pair difference from simulation, after over before",
-            to_simulated(&refined) / to_simulated(&sampled).max(1e-9),
+            "synthesis: pair distances off simulation's, refined",
+            pair_difference(&refined, &simulated),
+            0.02,
+        ),
+        finding(
+            "refinement: pair difference from statistics, after over before",
+            after / before.max(1e-9),
             0.5,
         ),
     ])
 }
 
+/// Plants of a window, their places counted from its corner.
+fn cut(grown: &Undergrowth, window: &CellWindow, cell_m: f32) -> Disks {
+    let corner = [window.cols.start, window.rows.start].map(|cell| cell as f32 * cell_m);
+    let side = [window.cols.len(), window.rows.len()].map(|cells| cells as f32 * cell_m);
+    let Disks { species, east_m, south_m, radius_m, height_m } = &grown.disks;
+    let mut disks = Disks::default();
+    for plant in 0..grown.disks.len() {
+        let place = [east_m[plant] - corner[0], south_m[plant] - corner[1]];
+        if (0..2).all(|axis| (0.0..side[axis]).contains(&place[axis])) {
+            disks.push(species[plant], place, radius_m[plant], height_m[plant]);
+        }
+    }
+    disks
+}
+
 /// How far distributions of disk distance lie apart: half the sum of |a − b| over the shares of the categories, mean over
 /// pairs of kinds that each have a hundred neighbours in `b`, weighed by those.
 fn pair_difference(a: &Measures, b: &Measures) -> f64 {
-    let species = a.kinds() / 2;
+    let species = a.kinds() - 1;
     let histograms = |measures: &Measures| {
-        let mut pairs = vec![0.0; species * 2 * species * BINS];
-        for cluster in measures.pairs.chunks(pairs.len()) {
+        let mut pairs = vec![0.0; species * measures.kinds() * BINS];
+        let row = pairs.len();
+        for cluster in measures.pairs.chunks(row) {
             pairs.iter_mut().zip(cluster).for_each(|(sum, count)| *sum += f64::from(*count));
         }
         pairs

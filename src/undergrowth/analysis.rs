@@ -26,7 +26,7 @@ const MOST_CLUSTERS: usize = 12;
 /// Least ground of a cluster, m². Chosen: some hundreds of plants at usual densities.
 const CLUSTER_M2: f64 = 1200.0;
 /// Upper ends of classes of the chance of seeds, the last open. Chosen: a lone tree, a few, a wood, a dense wood.
-const CHANCE_ENDS: [f32; 3] = [0.01, 0.04, 0.15];
+const CHANCE_ENDS: [f32; 5] = [0.01, 0.04, 0.1, 0.16, 0.22];
 /// Ground of a class below which its density is not told apart, m².
 const CLASS_M2: f64 = 150.0;
 /// Plants below which a cluster borrows its species from the nearest one.
@@ -118,7 +118,7 @@ pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
 
     // counts
     let species = biome.species.len();
-    let mut measures = Measures::new(clusters.len(), species);
+    let mut pairs = PairSums::new(clusters.len(), species);
     let mut counted = vec![Counted::default(); clusters.len()];
     for sample in samples {
         let cluster_of: Vec<Option<u16>> = (0..sample.abiotics.len())
@@ -151,10 +151,13 @@ pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
                 let heights_m = counted.heights_m.entry(plants.species[plant]).or_default();
                 heights_m.push(plants.height_m[plant]);
             }
-            measures.add(&Measures::of(clusters.len(), species, plants, &of_plants, &sample.trees));
+            let mut area_m2 = vec![0.0; clusters.len()];
+            cluster_of.iter().flatten().for_each(|c| area_m2[usize::from(*c)] += cell_m2);
+            let trees = &sample.trees;
+            pairs.add(&Measures::of(clusters.len(), species, plants, &of_plants, trees), &area_m2);
         }
     }
-    assemble(samples, biome, seed, scale, &clusters, &measures, counted)
+    assemble(samples, biome, seed, scale, &clusters, &pairs, counted)
 }
 
 fn class_of(chance: f32) -> usize {
@@ -167,7 +170,7 @@ fn assemble(
     seed: u64,
     scale: Scale,
     clusters: &[(u32, Abiotics)],
-    measures: &Measures,
+    pairs: &PairSums,
     counted: Vec<Counted>,
 ) -> Statistics {
     let mut all_heights_m: BTreeMap<u16, Vec<f32>> = BTreeMap::new();
@@ -222,7 +225,7 @@ fn assemble(
                 density: density(&counted.classes),
                 species: species.collect(),
                 species_from: nearest(index, LEAST_PLANTS),
-                pairs: pairs(measures, index, biome.species.len()),
+                pairs: pairs.of(index),
                 pairs_from: nearest(index, LEAST_NEIGHBOURS),
             }
         })
@@ -265,25 +268,58 @@ fn density(classes: &[(f64, f64, u64)]) -> Vec<Density> {
     densities
 }
 
-/// Neighbours of the plants of a cluster.
-fn pairs(measures: &Measures, cluster: usize, species: usize) -> Vec<Pair> {
-    let mut pairs = Vec::new();
-    for of in 0..species {
-        let plants = measures.plants[cluster * species + of];
-        for near in 0..measures.kinds() {
-            let first = measures.pair(cluster, of, near);
-            let counts = &measures.pairs[first..first + BINS];
-            if plants > 0 && counts.iter().any(|count| *count > 0) {
-                let per_plant = |bin: usize| rounded(counts[bin] as f32 / plants as f32);
-                pairs.push(Pair {
-                    of: of as u16, // biomes have some dozens
-                    near: near as u16,
-                    per_plant: std::array::from_fn(per_plant),
-                });
+/// Pairs of plots, and how many of them chance would have: plants times density of the neighbours.
+struct PairSums {
+    layout: Measures,
+    counts: Vec<f64>,
+    by_chance: Vec<f64>,
+}
+
+impl PairSums {
+    fn new(clusters: usize, species: usize) -> Self {
+        let layout = Measures::new(clusters, species);
+        let counts = vec![0.0; layout.pairs.len()];
+        Self { by_chance: vec![0.0; counts.len() / BINS], counts, layout }
+    }
+
+    /// Adds a plot of which so much ground is of each cluster.
+    fn add(&mut self, plot: &Measures, area_m2: &[f64]) {
+        let sums = self.counts.iter_mut().zip(&plot.pairs);
+        sums.for_each(|(sum, count)| *sum += f64::from(*count));
+        let species = plot.kinds() - 1;
+        for (cluster, area_m2) in area_m2.iter().enumerate() {
+            let plants = |of: usize| f64::from(plot.plants[cluster * species + of]);
+            for of in 0..species {
+                for near in 0..=species {
+                    let density =
+                        if near == species { 1.0 } else { plants(near) / area_m2.max(1.0) };
+                    self.by_chance[plot.pair(cluster, of, near) / BINS] += plants(of) * density;
+                }
             }
         }
     }
-    pairs
+
+    /// Neighbours of the plants of a cluster.
+    fn of(&self, cluster: usize) -> Vec<Pair> {
+        let species = self.layout.kinds() - 1;
+        let mut pairs = Vec::new();
+        for of in 0..species {
+            for near in 0..=species {
+                let first = self.layout.pair(cluster, of, near);
+                let (counts, by_chance) =
+                    (&self.counts[first..first + BINS], self.by_chance[first / BINS]);
+                if by_chance > 0.0 && counts.iter().any(|count| *count > 0.0) {
+                    let near_a_plant = |bin: usize| rounded((counts[bin] / by_chance) as f32);
+                    pairs.push(Pair {
+                        of: of as u16, // biomes have some dozens
+                        near: near as u16,
+                        near_a_plant: std::array::from_fn(near_a_plant),
+                    });
+                }
+            }
+        }
+        pairs
+    }
 }
 
 /// Four significant digits: what the samples carry, and what a file should.
@@ -341,13 +377,14 @@ mod tests {
             assert_eq!(biome.species[usize::from(species.species)].key == "toyon", is_light);
             let median = species.height_at_m(0.5);
             assert!((median - if is_light { 1.2 } else { 0.6 }).abs() < 0.1, "{median}");
-            // strewn at random: neighbours in a ring are density × its area
+            // strewn at random
             let own = cluster.pairs.iter().find(|pair| pair.of == pair.near).unwrap();
             let touch = if is_light { 0.4_f32 } else { 0.6 };
             let (inner, outer) = (touch + 1.0, touch + 2.0);
             let ring_m2 = std::f32::consts::PI * (outer * outer - inner * inner);
-            let found = own.per_plant[6] / ring_m2;
-            assert!((found / expected - 1.0).abs() < 0.12, "{found} {expected}");
+            // what chance has lies in a ring of its area
+            let found = own.near_a_plant[6] / ring_m2;
+            assert!((found - 1.0).abs() < 0.12, "{found}");
             assert_eq!((cluster.species_from, cluster.pairs_from), (None, None));
         }
         let text = statistics.to_json();

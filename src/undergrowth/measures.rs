@@ -30,19 +30,19 @@ impl Measures {
         Self {
             species,
             plants: vec![0; clusters * species],
-            pairs: vec![0; clusters * species * 2 * species * BINS],
+            pairs: vec![0; clusters * species * (species + 1) * BINS],
         }
     }
 
-    /// Kinds of plants that a plant may be near to: each species in the undergrowth, then each in the canopy.
+    /// Kinds of plants that a plant may be near to: each species in the undergrowth, then the canopy.
     pub fn kinds(&self) -> usize {
-        2 * self.species
+        self.species + 1
     }
 
     /// Index of the first category of a pair.
     #[inline]
     pub fn pair(&self, cluster: usize, species: usize, kind: usize) -> usize {
-        ((cluster * self.species + species) * 2 * self.species + kind) * BINS
+        ((cluster * self.species + species) * self.kinds() + kind) * BINS
     }
 
     /// Adds what another counted.
@@ -104,7 +104,7 @@ impl Measures {
             let (east_m, south_m) = (disks.east_m[other] - at[0], disks.south_m[other] - at[1]);
             let away_m = (east_m * east_m + south_m * south_m).sqrt();
             if let Some(bin) = disk_distance::bin(away_m, radius_m, disks.radius_m[other]) {
-                let kind = usize::from(disks.species[other]) + if is_tree { species } else { 0 };
+                let kind = if is_tree { species } else { usize::from(disks.species[other]) };
                 self.pairs[first + kind * BINS + bin] += 1;
             }
         });
@@ -192,7 +192,7 @@ mod tests {
                     let away_m = ((plants.east_m[a] - disks.east_m[b]).powi(2)
                         + (plants.south_m[a] - disks.south_m[b]).powi(2))
                     .sqrt();
-                    let kind = usize::from(disks.species[b]) + if is_tree { 3 } else { 0 };
+                    let kind = if is_tree { 3 } else { usize::from(disks.species[b]) };
                     let bin = disk_distance::bin(away_m, plants.radius_m[a], disks.radius_m[b]);
                     if let Some(bin) = bin {
                         let pair = expected.pair(cluster, own, kind);

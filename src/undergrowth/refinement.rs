@@ -73,16 +73,18 @@ pub struct Targets {
 }
 
 impl Targets {
-    /// What statistics say of so many plants.
-    pub fn of(statistics: &Statistics, measures: &Measures) -> Self {
+    /// What statistics say of so many plants on so much ground of each cluster.
+    pub fn of(statistics: &Statistics, measures: &Measures, area_m2: &[f32]) -> Self {
         let species = statistics.species.len();
         let mut pairs = vec![0.0; measures.pairs.len()];
-        for cluster in 0..statistics.clusters.len() {
+        for (cluster, area_m2) in area_m2.iter().enumerate() {
+            let plants = |of: u16| measures.plants[cluster * species + usize::from(of)] as f32;
             for pair in statistics.pairs(cluster) {
-                let plants = measures.plants[cluster * species + usize::from(pair.of)] as f32;
+                let is_canopy = usize::from(pair.near) == species;
+                let density = if is_canopy { 1.0 } else { plants(pair.near) / area_m2.max(1.0) };
                 let first = measures.pair(cluster, usize::from(pair.of), usize::from(pair.near));
-                for (bin, per_plant) in pair.per_plant.iter().enumerate() {
-                    pairs[first + bin] = per_plant * plants;
+                for (bin, near_a_plant) in pair.near_a_plant.iter().enumerate() {
+                    pairs[first + bin] = near_a_plant * density * plants(pair.of);
                 }
             }
         }
@@ -130,7 +132,7 @@ pub fn refine(
     };
     let stage = reporter.stage("refinement", 4 * u64::from(MOST_SWEEPS));
     let mut measures = measure(&undergrowth.disks);
-    let targets = Targets::of(statistics, &measures);
+    let targets = Targets::of(statistics, &measures, &ground.area_m2(statistics, area));
     let mut figures = RefinementFigures {
         plants: cluster_of.iter().flatten().count(),
         differences: vec![targets.difference(&measures)],
@@ -223,6 +225,19 @@ impl Ground {
         let (cluster, sub_biomes) = (0..frame.len()).into_par_iter().map(of_cell).unzip();
         let (rows, cols, cell_m) = (frame.rows, frame.cols, frame.cell_m());
         Self { cluster, sub_biomes, rows, cols, cell_m }
+    }
+
+    /// Ground of each cluster in an area.
+    fn area_m2(&self, statistics: &Statistics, area: Option<Area>) -> Vec<f32> {
+        let mut cells = vec![0_usize; statistics.clusters.len()];
+        for (cell, cluster) in self.cluster.iter().enumerate() {
+            let middle =
+                [cell % self.cols, cell / self.cols].map(|at| (at as f32 + 0.5) * self.cell_m);
+            if *cluster != NO_CLUSTER && area.is_none_or(|area| area.contains(middle)) {
+                cells[usize::from(*cluster)] += 1;
+            }
+        }
+        cells.into_iter().map(|cells| cells as f32 * self.cell_m * self.cell_m).collect()
     }
 
     fn cell_at(&self, [east_m, south_m]: [f32; 2]) -> Option<usize> {
@@ -561,13 +576,13 @@ impl<'a> Block<'a> {
                 }
             }
         }
-        let species = measures.kinds() / 2;
+        let canopy = measures.kinds() - 1;
         for tree in trees.iter() {
             let tree = *tree as usize;
             let disks = &shared.trees.disks;
             let away_m = away_m([disks.east_m[tree], disks.south_m[tree]]);
             if let Some(bin) = disk_distance::bin(away_m, own.radius_m, disks.radius_m[tree]) {
-                add(first + (species + usize::from(disks.species[tree])) * BINS + bin);
+                add(first + canopy * BINS + bin);
             }
         }
     }

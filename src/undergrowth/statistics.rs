@@ -114,10 +114,11 @@ pub struct SpeciesShare {
 pub struct Pair {
     /// Index of the plant's species.
     pub of: u16,
-    /// Kind of the neighbour: its species, in the canopy counted on after the last of the undergrowth.
+    /// Kind of the neighbour: its species, or the number of species for trees of the canopy.
     pub near: u16,
-    /// Neighbours that a plant has in each category of disk distance.
-    pub per_plant: [f32; BINS],
+    /// Neighbours that a plant has in each category of disk distance; those of the undergrowth over their density, m²: so
+    /// much ground would hold as many. Plots of one cluster differ in density, and neighbours with it.
+    pub near_a_plant: [f32; BINS],
 }
 
 /// What is wrong with statistics.
@@ -215,8 +216,8 @@ impl Statistics {
             }
             for pair in &cluster.pairs {
                 let is_known = usize::from(pair.of) < self.species.len()
-                    && usize::from(pair.near) < 2 * self.species.len();
-                if !is_known || !pair.per_plant.iter().all(|count| is_amount(*count)) {
+                    && usize::from(pair.near) <= self.species.len();
+                if !is_known || !pair.near_a_plant.iter().all(|count| is_amount(*count)) {
                     return Err("neighbours that are none");
                 }
             }
@@ -288,7 +289,8 @@ impl<'a> ClusterFinder<'a> {
 }
 
 impl Cluster {
-    /// Plants a m² where seeds sprout so often: between the classes that were counted, linear to none at none.
+    /// Plants a m² where seeds sprout so often: between the classes that were counted, linear to none at none, and a little
+    /// beyond the last.
     ///
     /// # Reference
     /// Kapp et al. 2020, section 6.2, Sampling: plants taper off with the seeding radii of the canopy.
@@ -305,7 +307,12 @@ impl Cluster {
             }
             below = *at;
         }
-        below.plants_per_m2
+        // beyond the last class: on as before it, for half as much again
+        let [.., before, last] = self.density.as_slice() else { return below.plants_per_m2 };
+        let slope =
+            (last.plants_per_m2 - before.plants_per_m2) / (last.seed_chance - before.seed_chance);
+        let beyond = seed_chance.min(1.5 * last.seed_chance) - last.seed_chance;
+        (last.plants_per_m2 + slope * beyond).max(0.0)
     }
 }
 
@@ -341,7 +348,7 @@ pub(super) mod tests {
         let pair = |of: &str, near: &str| Pair {
             of: species(of),
             near: species(near),
-            per_plant: [0.1, 0.1, 0.2, 0.2, 0.2, 0.4, 1.0, 1.4],
+            near_a_plant: [0.1, 0.1, 0.2, 0.2, 0.2, 0.4, 1.0, 1.4],
         };
         let cluster = |sub_biomes: u32, sun_h: f32, shares: Vec<SpeciesShare>| Cluster {
             sub_biomes,
@@ -403,7 +410,9 @@ pub(super) mod tests {
     fn density_tapers_with_the_chance_of_seeds() {
         let biome = Biome::builtin("sonoma").unwrap();
         let cluster = &example(&biome).clusters[0];
-        for (chance, expected) in [(0.0, 0.0), (0.01, 0.25), (0.02, 0.5), (0.06, 0.7), (0.5, 0.9)] {
+        for (chance, expected) in
+            [(0.0, 0.0), (0.01, 0.25), (0.02, 0.5), (0.06, 0.7), (0.12, 1.0), (0.5, 1.15)]
+        {
             assert!((cluster.plants_per_m2(chance) - expected).abs() < 1e-6, "{chance}");
         }
     }
