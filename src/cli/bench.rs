@@ -18,6 +18,7 @@ use crate::gpu::GpuChoice;
 use crate::inference::{ModelSource, RuntimeChoice, TileLayout};
 use crate::pipeline::grow::{self, CanopyInput, CanopyRequest};
 use crate::pipeline::{Error, import};
+use crate::plants::Plants;
 use crate::progress::{Reporter, peak_memory_mib, reset_peak_memory};
 use crate::raster::{Grid, MONTHS};
 use crate::simulation::{CellWindow, Community, Parameters, Plot};
@@ -25,6 +26,7 @@ use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::terrain::generate::{self as landscape, GenerateParams};
 use crate::terrain::point_cloud::synthetic;
+use crate::undergrowth::{Conditions, Statistics, Trees, refinement, sampling};
 use crate::{abiotics, canopy};
 
 /// What `wildwood bench` takes.
@@ -74,6 +76,15 @@ enum Workload {
     /// A year of undergrowth, 256 × 256 m in cells of 20 cm under a closed canopy, once it is dense.
     #[value(name = "simulation-256")]
     Simulation256,
+    /// Undergrowth of 1 km² at 1 m under a generated canopy (Kapp 2020, Table 1: 499,000 plants).
+    #[value(name = "undergrowth-1km")]
+    Undergrowth1Km,
+    /// The same, 3 × 3 km (Table 1: 4.6 million plants).
+    #[value(name = "undergrowth-3km")]
+    Undergrowth3Km,
+    /// Refinement of 256 × 256 m of it, until it converges.
+    #[value(name = "refinement-256")]
+    Refinement256,
     /// 1 km² at 1 m: file to terrain, and file to whole scene folder.
     ImportDem,
     /// 4 million points over 1 km²: file to terrain and canopy, and file to whole scene folder.
@@ -98,6 +109,7 @@ pub fn run(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
             Prepared::Canopy(canopy) => canopy_trees(canopy, reporter)?,
             Prepared::Ground(ground) => learned(ground, arguments.onnx, reporter)?,
             Prepared::Community(community) => simulated_year(community),
+            Prepared::Undergrowth(canopy, refines) => undergrowth(canopy, *refines, reporter)?,
             Prepared::File(input) => whole_import(input, folder.path(), reporter)?,
         });
     }
@@ -120,6 +132,8 @@ enum Prepared {
     Canopy(Box<PreparedCanopy>),
     Ground(Terrain),
     Community(Box<Community>),
+    /// A canopy, and whether what grows beneath it is refined.
+    Undergrowth(Box<GrownGround>, bool),
     File(PathBuf),
 }
 
@@ -180,6 +194,85 @@ fn canopy_trees(prepared: &PreparedCanopy, reporter: &Reporter) -> Result<Value,
         "trees": grown.plants.len(), "fit": grown.quality,
         "peak_bytes_per_cell": peak_memory_mib().map(|mib| mib * 1_048_576.0 / cells as f64),
         "stages_s": stages(&reporter),
+    }))
+}
+
+/// Ground under a canopy of grown trees.
+struct GrownGround {
+    site: Site,
+    trees: Plants,
+    biome: Biome,
+    statistics: Statistics,
+}
+
+impl GrownGround {
+    fn new(size: usize, reporter: &Reporter) -> Result<Self, Error> {
+        let reporter = reporter.silenced();
+        let params =
+            GenerateParams { rows: size, cols: size, cell_m: 1.0, ..GenerateParams::default() };
+        let terrain = landscape::generate(&params, &reporter)?;
+        let biome = Biome::builtin(import::DEFAULT_BIOME)?;
+        let maps =
+            abiotics::run(&terrain, &biome.climate, &abiotics::Params::default(), &reporter)?;
+        let site = Site::of(&maps);
+        let canopy = canopy::generate::GenerateParams::default();
+        let chm_m = canopy::generate::generate(&terrain, &site, &canopy, &reporter)?;
+        let allowed = terrain.elevation_m.mask();
+        let input = CanopyInput {
+            terrain: &terrain,
+            site: &site,
+            chm_m: &chm_m,
+            learned: None,
+            allowed,
+            biome: &biome,
+            brush: None,
+        };
+        let request = CanopyRequest { gpu: GpuChoice::Off, ..CanopyRequest::default() };
+        let trees = grow::grow(&input, Shares::default(), 1, &request, &reporter)?.plants;
+        let statistics = Statistics::builtin(&biome)
+            .map_err(|e| Error::Failed { what: format!("built-in statistics: {e}") })?;
+        Ok(Self { site, trees, biome, statistics })
+    }
+}
+
+/// Conditions under the canopy and the plants they give; then their refinement, if that is what is timed.
+fn undergrowth(ground: &GrownGround, refines: bool, reporter: &Reporter) -> Result<Value, Error> {
+    let GrownGround { site, trees, biome, statistics } = ground;
+    let (reporter, frame) = (reporter.silenced(), site.slope_rad.frame());
+    let allowed = site.slope_rad.mask();
+    reset_peak_memory();
+    let started = Instant::now();
+    let conditions = Conditions::under(trees, site, biome, &Parameters::undergrowth(biome));
+    let trees = Trees::of(trees, frame.rows as f32 * frame.cell_m());
+    let mut grown =
+        sampling::sample(&conditions, allowed, &trees, statistics, biome, 1, &reporter)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let (plants, canopy) = (grown.disks.len(), trees.disks.len());
+    if !refines {
+        let ns_per_plant = seconds * 1e9 / plants as f64;
+        return Ok(json!({
+            "seconds": seconds, "plants": plants, "canopy_trees": canopy,
+            "ns_per_plant": ns_per_plant,
+        }));
+    }
+    let started = Instant::now();
+    let figures = refinement::refine(
+        &mut grown,
+        &conditions,
+        allowed,
+        &trees,
+        statistics,
+        biome,
+        None,
+        1,
+        &reporter,
+    )?;
+    let seconds = started.elapsed().as_secs_f64();
+    let sweeps = figures.differences.len() - 1;
+    Ok(json!({
+        "seconds": seconds, "plants": plants, "sweeps": sweeps,
+        "ms_per_plant_and_sweep": seconds * 1e3 / (plants * sweeps.max(1)) as f64,
+        "pair_differences": figures.differences,
     }))
 }
 
@@ -265,6 +358,15 @@ fn prepare(
         Workload::Learned1Km => Prepared::Ground(generated(250, 4.0)?),
         Workload::Learned10Km => Prepared::Ground(generated(2500, 4.0)?),
         Workload::Simulation256 => Prepared::Community(dense_undergrowth(reporter)?.into()),
+        Workload::Undergrowth1Km => {
+            Prepared::Undergrowth(GrownGround::new(1000, reporter)?.into(), false)
+        }
+        Workload::Undergrowth3Km => {
+            Prepared::Undergrowth(GrownGround::new(3000, reporter)?.into(), false)
+        }
+        Workload::Refinement256 => {
+            Prepared::Undergrowth(GrownGround::new(256, reporter)?.into(), true)
+        }
         Workload::ImportLaz => Prepared::File(match &arguments.laz {
             Some(path) => path.clone(),
             None => {
@@ -293,7 +395,7 @@ fn default_biome() -> Result<Biome, Error> {
 const DENSE_AFTER_YEARS: usize = 60;
 /// Rain of the simulated plot, as a multiple of the biome's. Chosen: at 5, undergrowth is as dense as under the conifers of
 /// a wet real plot, 7 plants a square metre; at 1, the generated plot has 3.
-const WET_FRACTION: f32 = 5.0;
+const WET_FRACTION: f32 = 8.0;
 
 /// Undergrowth of a plot of 256 m under closed conifers, after some decades.
 fn dense_undergrowth(reporter: &Reporter) -> Result<Community, Error> {
