@@ -26,7 +26,7 @@ use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::terrain::generate::{self as landscape, GenerateParams};
 use crate::terrain::point_cloud::synthetic;
-use crate::undergrowth::{Conditions, Statistics, Trees, refinement, sampling};
+use crate::undergrowth::{Conditions, Statistics, Synthesis, Trees, refinement, sampling};
 use crate::{abiotics, canopy};
 
 /// What `wildwood bench` takes.
@@ -244,8 +244,9 @@ fn undergrowth(ground: &GrownGround, refines: bool, reporter: &Reporter) -> Resu
     let started = Instant::now();
     let conditions = Conditions::under(trees, site, biome, &Parameters::undergrowth(biome));
     let trees = Trees::of(trees, frame.rows as f32 * frame.cell_m());
-    let mut grown =
-        sampling::sample(&conditions, allowed, &trees, statistics, biome, 1, &reporter)?;
+    let synthesis =
+        Synthesis { conditions: &conditions, allowed, trees: &trees, statistics, biome, seed: 1 };
+    let mut grown = sampling::sample(&synthesis, &reporter)?;
     let seconds = started.elapsed().as_secs_f64();
     let (plants, canopy) = (grown.disks.len(), trees.disks.len());
     if !refines {
@@ -256,17 +257,7 @@ fn undergrowth(ground: &GrownGround, refines: bool, reporter: &Reporter) -> Resu
         }));
     }
     let started = Instant::now();
-    let figures = refinement::refine(
-        &mut grown,
-        &conditions,
-        allowed,
-        &trees,
-        statistics,
-        biome,
-        None,
-        1,
-        &reporter,
-    )?;
+    let figures = refinement::refine(&mut grown, &synthesis, None, &reporter)?;
     let seconds = started.elapsed().as_secs_f64();
     let sweeps = figures.differences.len() - 1;
     Ok(json!({

@@ -161,8 +161,8 @@ fn density(name: &str) -> Result<Density, String> {
 
 /// A square around a place, as EAST,NORTH,SIZE.
 fn square(text: &str) -> Result<MapWindow, String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
-    let [east, north, size] = numbers[..] else {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    let Ok(&[east, north, size]) = numbers.as_deref() else {
         return Err("give its middle and its side as EAST,NORTH,SIZE, three numbers".to_owned());
     };
     if !(size > 0.0 && [east, north, size].iter().all(|number| number.is_finite())) {
@@ -351,6 +351,9 @@ pub fn report_trees(manifest: &Manifest, shared: &Shared) {
         number("height_rmse_m"),
     ));
     let Some(entry) = manifest.stages.get(undergrowth::STAGE) else { return };
+    if entry.parameters.get("undergrowth").and_then(toml::Value::as_bool) == Some(false) {
+        return;
+    }
     let plants = entry.figures.get("plants").and_then(toml::Value::as_integer).unwrap_or(0);
     let per_ha = entry.figures.get("plants_per_ha").and_then(toml::Value::as_float);
     terminal::say(&format!("{plants} undergrowth plants, {:.0} a hectare", per_ha.unwrap_or(0.0)));

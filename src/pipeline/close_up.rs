@@ -17,6 +17,12 @@ use crate::species::Biome;
 /// The picture's name in a scene folder.
 pub const FILE: &str = "close_up.png";
 
+/// Takes the picture of a forest away that is another one now.
+pub(super) fn discard(folder: &Path) {
+    // a picture that cannot be removed harms nobody
+    let _ = std::fs::remove_file(folder.join(FILE));
+}
+
 /// The table that tells whether a scene has plants.
 pub const PLANTS_FILE: &str = "plants.parquet";
 

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use super::Error;
 use super::grow::{self, CanopyInput, CanopyRequest};
 use super::import::{self, ImportRequest, ReadTerrain};
 use super::undergrowth::{self, UndergrowthInput, UndergrowthRequest};
+use super::{Error, close_up};
 use crate::canopy::shares::Shares;
 use crate::canopy::site::Site;
 use crate::forest_floor::grass;
@@ -123,6 +123,7 @@ pub fn run(
     entries.into_iter().for_each(|(stage, entry)| grow::record(&mut manifest, stage, entry));
     reporter.check_cancelled()?;
     transaction.commit(&manifest)?;
+    close_up::discard(&request.folder);
     Ok(manifest)
 }
 

@@ -10,7 +10,7 @@ use super::learned_canopy::{self, LearnedCanopy, LearnedRequest};
 use super::measured_canopy::MeasuredCanopy;
 use super::scene_files::{StageFiles, mean};
 use super::undergrowth::{self, UndergrowthInput, UndergrowthRequest};
-use super::{Error, brush, exclusion};
+use super::{Error, brush, close_up, exclusion};
 use crate::canopy::brush::Brush;
 use crate::canopy::envelopes::Envelopes;
 use crate::canopy::limits;
@@ -268,6 +268,7 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     // read, grow, write
     let terrain = import::load_terrain(&folder, &manifest)?;
     let frame = Arc::clone(terrain.elevation_m.frame());
+    undergrowth::check(request.undergrowth.refine, &frame)?;
     let Frame { rows, cols, .. } = *frame;
     WorkingCells::check(rows, cols, frame.transform.cell_m)
         .map_err(|problem| Error::Usage { what: format!("{}: {problem}", folder.display()) })?;
@@ -354,6 +355,7 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
     );
     reporter.check_cancelled()?;
     transaction.commit(&manifest)?;
+    close_up::discard(&folder);
     Ok(manifest)
 }
 

@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::scene_files::{StageFiles, mean};
-use super::{Error, grow};
+use super::{Error, grow, undergrowth};
 use crate::abiotics::{self, AbioticMaps};
 use crate::export::preview::PreviewOptions;
 use crate::io::raster_file::RasterHead;
@@ -142,6 +142,10 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
     let mut manifest =
         Manifest { scene, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
     let trees = manifest.stages.remove(grow::STAGE);
+    // what grew beneath them goes with them
+    for stage in [undergrowth::STAGE, undergrowth::FLOOR_STAGE] {
+        manifest.stages.remove(stage);
+    }
     if has_trees {
         let text = "trees grown here on other terrain, maps, species or another seed are removed";
         reporter.warn(Warning::Other { text: text.to_owned() });

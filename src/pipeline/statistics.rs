@@ -5,7 +5,6 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -24,6 +23,7 @@ use crate::plants::{Layer, Plants};
 use crate::progress::Reporter;
 use crate::raster::Cell;
 use crate::rng::{self, Key, Process};
+use crate::scene;
 use crate::simulation::{CellWindow, Community, Parameters, Plot};
 use crate::species::Biome;
 use crate::terrain::Terrain;
@@ -130,8 +130,9 @@ pub fn run(request: &StatisticsRequest, reporter: &Reporter) -> Result<Statistic
                                 request.seed,
                                 reporter,
                             )?;
-                            let text = serde_json::json!(sample).to_string();
-                            write(&path(plot), &text).map_err(|e| failed(&path(plot), e))?;
+                            let text = serde_json::to_string(&sample)
+                                .map_err(|e| Error::Failed { what: e.to_string() })?;
+                            write(&path(plot), &text)?;
                             sample
                         }
                     };
@@ -144,21 +145,19 @@ pub fn run(request: &StatisticsRequest, reporter: &Reporter) -> Result<Statistic
     let samples: Vec<Sample> = samples.into_iter().flatten().collect();
     drop(stage);
     let curves = request.work.join("plants_by_year.csv");
-    write(&curves, &plants_by_year(&samples)).map_err(|e| failed(&curves, e))?;
+    write(&curves, &plants_by_year(&samples))?;
     reporter.check_cancelled()?;
     let _stage = reporter.stage("analysis", 1);
     let statistics = analysis::analyse(&samples, &biome, request.seed);
-    write(&request.output, &statistics.to_json()).map_err(|e| failed(&request.output, e))?;
+    write(&request.output, &statistics.to_json())?;
     Ok(statistics)
 }
 
 /// Writes beside and renames, so that a run that is killed leaves no half file.
-fn write(path: &Path, text: &str) -> std::io::Result<()> {
+fn write(path: &Path, text: &str) -> Result<(), Error> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let mut file = tempfile::NamedTempFile::new_in(folder.unwrap_or(Path::new(".")))?;
-    file.write_all(text.as_bytes())?;
-    file.persist(path).map_err(|e| e.error)?;
-    Ok(())
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    Ok(scene::write_beside(folder.unwrap_or(Path::new(".")), &name, text.as_bytes())?)
 }
 
 /// Live plants on a hectare, a column a plot.

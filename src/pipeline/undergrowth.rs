@@ -8,15 +8,15 @@ use crate::canopy::site::Site;
 use crate::forest_floor::{self, ForestFloor, water};
 use crate::io;
 use crate::plants::Plants;
-use crate::plants::table::TableFormat;
+use crate::plants::table::{MAX_PLANTS, TableFormat};
 use crate::progress::{Reporter, Warning};
-use crate::raster::{Grid, MapWindow, Mask};
+use crate::raster::{Frame, Grid, MapWindow, Mask};
 use crate::scene::{StageEntry, Transaction};
 use crate::simulation::Parameters;
 use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::undergrowth::refinement::{self, Area, RefinementFigures};
-use crate::undergrowth::{self, Conditions, Statistics, Trees, Undergrowth, sampling};
+use crate::undergrowth::{self, Conditions, Statistics, Synthesis, Trees, Undergrowth, sampling};
 
 /// Name of the stage in `scene.toml`.
 pub const STAGE: &str = "undergrowth";
@@ -120,26 +120,31 @@ pub fn grow(
         let dry = water::dry_land(input.discharge_m3_s);
         let allowed = (input.allowed.as_slice().iter().zip(dry.as_slice())).map(|(a, b)| *a && *b);
         let allowed = Mask::new(allowed.collect());
-        let mut grown =
-            sampling::sample(&conditions, &allowed, &trees, statistics, biome, seed, reporter)?;
+        let synthesis = Synthesis {
+            conditions: &conditions,
+            allowed: &allowed,
+            trees: &trees,
+            statistics,
+            biome,
+            seed,
+        };
+        let mut grown = sampling::sample(&synthesis, reporter)?;
         if let Some(refine) = refine {
-            let area = area(refine, input.terrain)?;
-            let figures = refinement::refine(
-                &mut grown,
-                &conditions,
-                &allowed,
-                &trees,
-                statistics,
-                biome,
-                area,
-                seed,
-                reporter,
-            )?;
-            refinement = Some(figures);
+            let area = match refine {
+                Refine::All => None,
+                Refine::Within(window) => Some(area(&window, frame)?),
+            };
+            refinement = Some(refinement::refine(&mut grown, &synthesis, area, reporter)?);
         }
         tell_of_nothing(&grown, input, reporter);
         count = grown.disks.len();
-        plants.append(undergrowth::plants(&grown, &conditions, &input.terrain.elevation_m, biome));
+        if plants.len() + count > MAX_PLANTS {
+            let what = format!(
+                "{count} undergrowth plants: more than the {MAX_PLANTS} of a scene; grow parts of it (--bbox), or leave undergrowth out (--no-undergrowth)"
+            );
+            return Err(Error::Usage { what });
+        }
+        plants.append(undergrowth::plants(grown, &conditions, &input.terrain.elevation_m, biome));
     }
     let params = forest_floor::Params::default();
     let floor = forest_floor::run(
@@ -160,10 +165,19 @@ fn tell_of_nothing(grown: &Undergrowth, input: &UndergrowthInput<'_>, reporter: 
     }
 }
 
-/// The part of a scene that is refined; none is all.
-fn area(refine: Refine, terrain: &Terrain) -> Result<Option<Area>, Error> {
-    let Refine::Within(window) = refine else { return Ok(None) };
-    let frame = terrain.elevation_m.frame();
+/// Refuses an area to refine that is not in the scene.
+///
+/// # Errors
+/// If it is not.
+pub(super) fn check(refine: Option<Refine>, frame: &Frame) -> Result<(), Error> {
+    match refine {
+        Some(Refine::Within(window)) => area(&window, frame).map(drop),
+        _ => Ok(()),
+    }
+}
+
+/// The part of a scene that a window shows.
+fn area(window: &MapWindow, frame: &Frame) -> Result<Area, Error> {
     let transform = frame.transform;
     let (width_m, height_m) =
         (frame.cols as f64 * transform.cell_m, frame.rows as f64 * transform.cell_m);
@@ -178,12 +192,12 @@ fn area(refine: Refine, terrain: &Terrain) -> Result<Option<Area>, Error> {
         return Err(Error::Usage { what });
     };
     // within a scene f32 holds millimetres
-    Ok(Some(Area {
+    Ok(Area {
         west_m: (inside.west - scene.west) as f32,
         north_m: (scene.north - inside.north) as f32,
         east_m: (inside.east - scene.west) as f32,
         south_m: (scene.north - inside.south) as f32,
-    }))
+    })
 }
 
 /// Writes plants, grass and litterfall; gives the entries of both stages.

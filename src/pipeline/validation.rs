@@ -12,7 +12,9 @@ use crate::undergrowth::disk_distance::BINS;
 use crate::undergrowth::disks::Disks;
 use crate::undergrowth::measures::Measures;
 use crate::undergrowth::statistics::ClusterFinder;
-use crate::undergrowth::{Conditions, Statistics, Trees, Undergrowth, refinement, sampling};
+use crate::undergrowth::{
+    Conditions, Statistics, Synthesis, Trees, Undergrowth, refinement, sampling,
+};
 
 /// Seed of held-out landscapes: no built-in statistics were made with it.
 const HELD_OUT_SEED: u64 = 77;
@@ -73,8 +75,15 @@ pub fn synthesis(biome: &Biome, seed: u64, reporter: &Reporter) -> Result<Vec<Fi
     let frame = site.slope_rad.frame();
     let trees = Trees::of(trees, frame.rows as f32 * frame.cell_m());
     let allowed = Mask::new(vec![true; frame.len()]);
-    let mut grown =
-        sampling::sample(&conditions, &allowed, &trees, &statistics, biome, seed, &silent)?;
+    let synthesis = Synthesis {
+        conditions: &conditions,
+        allowed: &allowed,
+        trees: &trees,
+        statistics: &statistics,
+        biome,
+        seed,
+    };
+    let mut grown = sampling::sample(&synthesis, &silent)?;
     let (clusters, species) = (statistics.clusters.len(), biome.species.len());
     let counted = |plot: &Plot, plants: &Disks| {
         let cell_at = |(east_m, south_m)| plot.simulated.cell_at(east_m, south_m);
@@ -99,17 +108,7 @@ pub fn synthesis(biome: &Biome, seed: u64, reporter: &Reporter) -> Result<Vec<Fi
     let years = plots.first().map_or(1, |plot| plot.simulated.years.len()) as f64;
     let sampled = of_grown(&grown);
     stage.advance(1);
-    let figures = refinement::refine(
-        &mut grown,
-        &conditions,
-        &allowed,
-        &trees,
-        &statistics,
-        biome,
-        None,
-        seed,
-        &silent,
-    )?;
+    let figures = refinement::refine(&mut grown, &synthesis, None, &silent)?;
     let refined = of_grown(&grown);
     stage.advance(1);
 

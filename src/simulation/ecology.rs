@@ -105,6 +105,11 @@ fn rows_of_trees(
         .collect()
 }
 
+fn apart_m(a: [f32; 2], b: [f32; 2]) -> f32 {
+    let [east_m, south_m] = [a[0] - b[0], a[1] - b[1]];
+    (east_m * east_m + south_m * south_m).sqrt()
+}
+
 /// Years of a community from bare ground; what `at_end` gives of each.
 fn live<T>(
     community: &mut Community,
@@ -139,7 +144,7 @@ fn crown_area_m2(community: &Community, species: u16) -> f64 {
 ///
 /// # Reference
 /// Yoda et al. 1963: −3/2; field values lie between −1.2 and −1.8.
-pub fn self_thinning(biome: &Biome) -> Finding {
+fn self_thinning(biome: &Biome) -> Finding {
     const SIDE_M: usize = 24;
     let species = species_of(biome, "douglas-fir");
     let parameters = Parameters { open_limit_m: f32::INFINITY, ..Parameters::kapp2020() };
@@ -187,7 +192,7 @@ fn oak_woodland(biome: &Biome) -> Vec<([f64; 2], f64)> {
     let parameters = Parameters::kapp2020();
     let trees =
         rows_of_trees(biome, &["california-black-oak", "coast-live-oak"], 40.0, 10.0, |place| {
-            (place[0] - 20.0).hypot(place[1] - 20.0) < 12.0
+            apart_m(place, [20.0; 2]) < 12.0
         });
     let cells = even(SIDE_M, ground(8.0, 60.0, 16.0));
     let plot = Plot::new([SIDE_M; 2], 1.0, cells, &trees, biome, &parameters);
@@ -205,7 +210,7 @@ fn oak_woodland(biome: &Biome) -> Vec<([f64; 2], f64)> {
 /// # Reference
 /// Kapp et al. 2020, Fig. 15: fast species peak, then laurel, slower but better suited, gains; a dynamic equilibrium from about
 /// year 125 on.
-pub fn succession_and_equilibrium(biome: &Biome) -> Vec<Finding> {
+fn succession_and_equilibrium(biome: &Biome) -> Vec<Finding> {
     let by_year = oak_woodland(biome);
     let peak = by_year.iter().enumerate().max_by(|(_, a), (_, b)| a.0[0].total_cmp(&b.0[0]));
     let at_peak = peak.map_or(0, |(year, _)| year);
@@ -240,7 +245,7 @@ pub fn succession_and_equilibrium(biome: &Biome) -> Vec<Finding> {
 ///
 /// # Reference
 /// Kapp et al. 2020, Fig. 7.
-pub fn gradients(biome: &Biome) -> Vec<Finding> {
+fn gradients(biome: &Biome) -> Vec<Finding> {
     const SIDE_M: usize = 48;
     let parameters = Parameters::kapp2020();
     // seeds of both kinds everywhere: a row of trees down the middle
@@ -284,10 +289,10 @@ pub fn gradients(biome: &Biome) -> Vec<Finding> {
 ///
 /// # Reference
 /// Kapp et al. 2020, Fig. 13.
-pub fn gap_dynamics(biome: &Biome) -> Vec<Finding> {
+fn gap_dynamics(biome: &Biome) -> Vec<Finding> {
     const SIDE_M: usize = 60;
     let parameters = Parameters::kapp2020();
-    let from_middle = |[east_m, south_m]: [f32; 2]| (east_m - 30.0).hypot(south_m - 30.0);
+    let from_middle = |place: [f32; 2]| apart_m(place, [30.0; 2]);
     let trees = rows_of_trees(biome, &["redwood", "douglas-fir"], 60.0, 6.0, |place| {
         from_middle(place) < 14.0
     });
@@ -327,7 +332,7 @@ pub fn gap_dynamics(biome: &Biome) -> Vec<Finding> {
 ///
 /// # Reference
 /// Kapp et al. 2020, section 7.2 and Fig. 20; Deussen et al. 1998, doi:10.1145/280814.280898.
-pub fn clustering(biome: &Biome) -> Finding {
+fn clustering(biome: &Biome) -> Finding {
     const SIDE_M: usize = 50;
     let correlation = |competition: Competition| {
         let parameters = Parameters { competition, ..Parameters::kapp2020() };
@@ -365,7 +370,7 @@ fn pair_correlation(community: &Community, distance_m: f32, half_width_m: f32, s
     for a in places.iter().filter(is_inside) {
         asked += 1.0;
         for b in &places {
-            let away_m = (a[0] - b[0]).hypot(a[1] - b[1]);
+            let away_m = apart_m(*a, *b);
             if (near_m..far_m).contains(&away_m) {
                 found += 1.0;
             }

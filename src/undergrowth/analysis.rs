@@ -15,20 +15,21 @@ use super::measures::Measures;
 use super::statistics::{
     self, Cluster, Density, FORMAT, Pair, QUANTILES, Source, SpeciesShare, Statistics,
 };
+use crate::math;
 use crate::simulation::seedbank::Seeds;
 use crate::species::Biome;
 
 /// Lower plants are seedlings that nobody would count; m. Chosen: what a forester's regeneration survey begins with.
 pub const LEAST_HEIGHT_M: f32 = 0.1;
 
-/// Most clusters of one combination of sub-biomes. Chosen: light in fours, moisture in threes.
-const MOST_CLUSTERS: usize = 12;
+/// Most clusters of one combination of sub-biomes. Chosen: light in fours, moisture in sixes.
+const MOST_CLUSTERS: usize = 24;
 /// Least ground of a cluster, m². Chosen: some hundreds of plants at usual densities.
 const CLUSTER_M2: f64 = 1200.0;
 /// Upper ends of classes of the chance of seeds, the last open. Chosen: a lone tree, a few, a wood, a dense wood.
 const CHANCE_ENDS: [f32; 5] = [0.01, 0.04, 0.1, 0.16, 0.22];
-/// Ground of a class below which its density is not told apart, m².
-const CLASS_M2: f64 = 150.0;
+/// Pairs below which a kind of neighbour is left out: chance alone.
+const LEAST_PAIRS: f64 = 20.0;
 /// Plants below which a cluster borrows its species from the nearest one.
 const LEAST_PLANTS: u32 = 40;
 /// Plants of a species below which heights are those of all clusters.
@@ -117,6 +118,7 @@ pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
     assert!(!clusters.is_empty(), "no ground with seeds");
 
     // counts
+    let places: Vec<Abiotics> = clusters.iter().map(|(_, c)| scale.coordinates(c)).collect();
     let species = biome.species.len();
     let mut pairs = PairSums::new(clusters.len(), species);
     let mut counted = vec![Counted::default(); clusters.len()];
@@ -125,7 +127,7 @@ pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
             .map(|cell| {
                 let bits = sample.seeds_of(cell).sub_biomes;
                 let of_bits = clusters.iter().enumerate().filter(|(_, (of, _))| *of == bits);
-                let centres = of_bits.map(|(index, (_, centre))| (index, centre));
+                let centres = of_bits.map(|(index, _)| (index, &places[index]));
                 let is_counted = bits != 0 && sample.is_inside(cell);
                 is_counted.then(|| scale.nearest(&sample.abiotics[cell], centres) as u16)
             })
@@ -250,22 +252,34 @@ fn assemble(
     }
 }
 
-/// Densities of classes with ground enough; a class with less is counted with the next.
-fn density(classes: &[(f64, f64, u64)]) -> Vec<Density> {
-    let mut densities: Vec<Density> = Vec::new();
-    let mut held = (0.0, 0.0, 0);
-    for (index, class) in classes.iter().enumerate() {
-        held = (held.0 + class.0, held.1 + class.1, held.2 + class.2);
-        let is_last = classes[index + 1..].iter().all(|class| class.0 == 0.0);
-        if held.0 >= CLASS_M2 || (is_last && densities.is_empty() && held.0 > 0.0) {
-            densities.push(Density {
-                seed_chance: rounded((held.1 / held.0) as f32),
-                plants_per_m2: rounded((held.2 as f64 / held.0) as f32),
-            });
-            held = (0.0, 0.0, 0);
+/// The density that lies nearest to those of classes (ground, chance summed over it, plants), by least squares of the number
+/// of plants.
+fn density(classes: &[(f64, f64, u64)]) -> Density {
+    let points: Vec<[f64; 3]> = (classes.iter().filter(|class| class.0 > 0.0))
+        .map(|(area_m2, chance, plants)| [*area_m2, chance / area_m2, *plants as f64 / area_m2])
+        .collect();
+    // the slope for a half chance, and what is missed then
+    let fit = |half_chance: f64| {
+        let shape = |chance: f64| chance / (1.0 + chance / half_chance);
+        let (mut up, mut down) = (0.0, 0.0);
+        for [area_m2, chance, plants] in &points {
+            up += area_m2 * shape(*chance) * plants;
+            down += area_m2 * shape(*chance).powi(2);
         }
+        let slope = if down > 0.0 { up / down } else { 0.0 };
+        let missed = |[area_m2, chance, plants]: &[f64; 3]| {
+            area_m2 * (slope * shape(*chance) - plants).powi(2)
+        };
+        (points.iter().map(missed).sum::<f64>(), slope, half_chance)
+    };
+    // from a lone tree's chance to more than any wood's: steps by the root of two
+    let halves = (0..24).map(|step| 0.003 * math::powf_f64(2.0, 0.5 * f64::from(step)));
+    let best = halves.map(fit).min_by(|a, b| a.0.total_cmp(&b.0));
+    let (_, slope, half_chance) = best.unwrap_or((0.0, 0.0, 1.0));
+    Density {
+        plants_per_m2_and_chance: rounded(slope as f32),
+        half_chance: rounded(half_chance as f32),
     }
-    densities
 }
 
 /// Pairs of plots, and how many of them chance would have: plants times density of the neighbours.
@@ -308,7 +322,7 @@ impl PairSums {
                 let first = self.layout.pair(cluster, of, near);
                 let (counts, by_chance) =
                     (&self.counts[first..first + BINS], self.by_chance[first / BINS]);
-                if by_chance > 0.0 && counts.iter().any(|count| *count > 0.0) {
+                if by_chance > 0.0 && counts.iter().sum::<f64>() >= LEAST_PAIRS {
                     let near_a_plant = |bin: usize| rounded((counts[bin] / by_chance) as f32);
                     pairs.push(Pair {
                         of: of as u16, // biomes have some dozens
@@ -389,6 +403,20 @@ mod tests {
         }
         let text = statistics.to_json();
         assert_eq!(Statistics::parse(&text, &biome).unwrap(), statistics);
+    }
+
+    #[test]
+    fn density_is_proportional_where_seeds_are_few_and_less_where_they_are_many() {
+        let at = |chance: f64, plants_per_m2: f64| {
+            (400.0, 400.0 * chance, (400.0 * plants_per_m2).round() as u64)
+        };
+        let wanted = |chance: f64| 20.0 * chance / (1.0 + chance / 0.096);
+        let chances = [0.005, 0.03, 0.09, 0.2];
+        let found = density(&chances.map(|chance| at(chance, wanted(chance))));
+        assert!((found.plants_per_m2_and_chance - 20.0).abs() < 1.0, "{found:?}");
+        assert!((found.half_chance - 0.096).abs() < 0.01, "{found:?}");
+        let none = density(&[(100.0, 3.0, 0), (0.0, 0.0, 0)]);
+        assert_eq!(none.plants_per_m2_and_chance, 0.0);
     }
 
     #[test]

@@ -6,21 +6,27 @@
 use rayon::prelude::*;
 
 use super::conditions::{Abiotics, DIMENSIONS};
+use crate::math;
 use crate::rng::{self, Key, Process};
 use crate::species::{Biome, Niche};
 
 /// Rounds of Lloyd's algorithm at most. Chosen: centres move by less than a thousandth of the range after twenty.
 const ROUNDS: usize = 40;
 
+/// Soil water that plants of dry ground live on, mm: below it differences count as they are, above it as shares.
+const DRY_MM: f32 = 20.0;
+/// Difference of moisture that counts as one, as a logarithm. Chosen: half as much again, or a third less; densities double over it.
+const MOISTURE_UNIT: f32 = 0.5;
+
 /// Units of distance between conditions.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scale {
-    /// How much of each condition counts as one.
+    /// How much of each condition counts as one; of moisture, of ln(1 + mm / 20).
     pub unit: Abiotics,
 }
 
 impl Scale {
-    /// The mean half width of what a biome's species bear.
+    /// The mean half width of what a biome's species bear, but of moisture, which parts dry ground more finely than wet.
     ///
     /// # Departures
     /// The authors' program scales each condition by its range over the map, so that three degrees of a small hill part
@@ -32,7 +38,7 @@ impl Scale {
         };
         let unit = [
             mean(&|niche| niche.sun_h.half_width),
-            mean(&|niche| niche.moisture_mm.half_width),
+            MOISTURE_UNIT,
             mean(&|niche| niche.temperature_c.half_width),
             mean(&|niche| niche.slope_rad.half_width),
         ];
@@ -42,15 +48,29 @@ impl Scale {
     /// Square of the distance.
     #[inline]
     pub fn square_distance(&self, a: &Abiotics, b: &Abiotics) -> f32 {
+        self.square_distance_of(self.coordinates(a), self.coordinates(b))
+    }
+
+    /// Conditions as coordinates of a space whose distances count.
+    #[inline]
+    pub fn coordinates(&self, at: &Abiotics) -> Abiotics {
+        let [sun_h, moisture_mm, temperature_c, slope_rad] = *at;
+        let moisture = math::ln(1.0 + moisture_mm / DRY_MM);
+        let values = [sun_h, moisture, temperature_c, slope_rad];
+        std::array::from_fn(|axis| values[axis] / self.unit[axis])
+    }
+
+    #[inline]
+    fn square_distance_of(&self, a: Abiotics, b: Abiotics) -> f32 {
         let mut sum = 0.0;
         for axis in 0..DIMENSIONS {
-            let apart = (a[axis] - b[axis]) / self.unit[axis];
+            let apart = a[axis] - b[axis];
             sum += apart * apart;
         }
         sum
     }
 
-    /// Index of the nearest centre, the first of several as near.
+    /// Index of the nearest of some centres' coordinates, the first of several as near.
     ///
     /// # Panics
     /// If there is none.
@@ -61,8 +81,9 @@ impl Scale {
         centres: impl Iterator<Item = (usize, &'a Abiotics)>,
     ) -> usize {
         let mut best = (f32::INFINITY, None);
+        let at = self.coordinates(at);
         for (index, centre) in centres {
-            let away = self.square_distance(at, centre);
+            let away = self.square_distance_of(at, *centre);
             if best.1.is_none() || away < best.0 {
                 best = (away, Some(index));
             }
@@ -75,9 +96,10 @@ impl Scale {
 pub fn centres(samples: &[Abiotics], scale: &Scale, count: usize, seed: u64) -> Vec<Abiotics> {
     let mut centres = first_centres(samples, scale, count, seed);
     for _ in 0..ROUNDS {
+        let places: Vec<Abiotics> = centres.iter().map(|c| scale.coordinates(c)).collect();
         let nearest: Vec<usize> = samples
             .par_iter()
-            .map(|sample| scale.nearest(sample, centres.iter().enumerate()))
+            .map(|sample| scale.nearest(sample, places.iter().enumerate()))
             .collect();
         let mut sums = vec![([0.0_f64; DIMENSIONS], 0_usize); centres.len()];
         for (sample, centre) in samples.iter().zip(&nearest) {
@@ -157,7 +179,7 @@ mod tests {
     #[test]
     fn centres_are_the_means_of_what_is_alike() {
         let samples = three_places();
-        let scale = Scale { unit: [4.0, 60.0, 15.0, 1.0] };
+        let scale = Scale { unit: [4.0, 0.5, 15.0, 1.0] };
         let mut found = centres(&samples, &scale, 3, 1);
         found.sort_by(|a, b| (a[0] + a[1]).total_cmp(&(b[0] + b[1])));
         for (centre, first) in found.iter().zip(0..3) {
@@ -172,7 +194,7 @@ mod tests {
     #[test]
     fn equal_samples_are_one_cluster() {
         let samples = vec![[1.0, 2.0, 3.0, 0.0]; 50];
-        let scale = Scale { unit: [4.0, 60.0, 15.0, 1.0] };
+        let scale = Scale { unit: [4.0, 0.5, 15.0, 1.0] };
         assert_eq!(centres(&samples, &scale, 4, 1), [samples[0]]);
         assert_eq!(centres(&[], &scale, 4, 1), [[0.0; DIMENSIONS]; 0]);
     }

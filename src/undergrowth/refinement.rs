@@ -14,29 +14,21 @@
 
 use rayon::prelude::*;
 
-use super::conditions::Conditions;
+use super::Synthesis;
 use super::disk_distance::{self, BINS, REACH_M};
 use super::disks::{Buckets, Disks};
-use super::measures::Measures;
+use super::measures::{BUCKET_M, Measures, TREE_BUCKET_M, WIDE_M};
 use super::sampling::{Layout, Trees, Undergrowth};
 use super::statistics::{ClusterFinder, Statistics};
 use crate::progress::{Cancelled, Reporter};
-use crate::raster::Mask;
 use crate::rng::{self, Key, Process};
-use crate::species::Biome;
 
 /// Farthest that a plant moves in a sweep, m. Chosen: across the categories of gap, and little against a block.
 const MOVE_M: f32 = 1.5;
-/// Sweeps at most.
+/// Sweeps at most. chosen: each of the last ones takes 2 % off the difference.
 const MOST_SWEEPS: u16 = 20;
 /// A sweep that takes less than this share off the difference is the last.
 const LEAST_GAIN: f64 = 0.02;
-/// Undergrowth with a wider crown is sought apart from the rest, m.
-const WIDE_M: f32 = 0.6;
-/// Width of a block's buckets, m.
-const BUCKET_M: f32 = 2.0;
-/// Width of the buckets of trees, m.
-const TREE_BUCKET_M: f32 = 6.0;
 
 /// A rectangle of a scene, metres from its north-west corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,30 +98,23 @@ impl Targets {
 ///
 /// # Errors
 /// [`Cancelled`] once the run was cancelled.
-#[allow(clippy::too_many_arguments, reason = "what plants are made of, and where")]
 pub fn refine(
     undergrowth: &mut Undergrowth,
-    conditions: &Conditions<'_>,
-    allowed: &Mask,
-    trees: &Trees,
-    statistics: &Statistics,
-    biome: &Biome,
+    synthesis: &Synthesis<'_>,
     area: Option<Area>,
-    seed: u64,
     reporter: &Reporter,
 ) -> Result<RefinementFigures, Cancelled> {
+    let Synthesis { conditions, trees, statistics, .. } = *synthesis;
     let frame = conditions.site().slope_rad.frame();
     let layout = Layout::new(frame.rows, frame.cols, frame.cell_m());
-    let ground = Ground::new(conditions, allowed, statistics);
+    let ground = Ground::new(synthesis);
     let place = |plant: usize| [undergrowth.disks.east_m[plant], undergrowth.disks.south_m[plant]];
     let is_counted = |plant: usize| area.is_none_or(|area| area.contains(place(plant)));
     let cluster_of: Vec<Option<u16>> = (0..undergrowth.disks.len())
         .map(|plant| is_counted(plant).then(|| undergrowth.cluster[plant]))
         .collect();
-    let measure = |disks: &Disks| {
-        let (clusters, species) = (statistics.clusters.len(), biome.species.len());
-        Measures::of(clusters, species, disks, &cluster_of, &trees.disks)
-    };
+    let (clusters, species) = (statistics.clusters.len(), statistics.species.len());
+    let measure = |disks: &Disks| Measures::of(clusters, species, disks, &cluster_of, &trees.disks);
     let stage = reporter.stage("refinement", 4 * u64::from(MOST_SWEEPS));
     let mut measures = measure(&undergrowth.disks);
     let targets = Targets::of(statistics, &measures, &ground.area_m2(statistics, area));
@@ -144,9 +129,10 @@ pub fn refine(
         trees,
         tree_buckets: &tree_buckets,
         widest_tree_m: trees.disks.widest_m(),
+        widest_trunk_m: trees.trunk_m.iter().copied().fold(0.0, f32::max),
         targets: &targets.pairs,
         area,
-        seed,
+        seed: synthesis.seed,
     };
     for sweep in 1..=MOST_SWEEPS {
         let mut by_block: Vec<Vec<u32>> = vec![Vec::new(); layout.rows * layout.cols];
@@ -160,29 +146,25 @@ pub fn refine(
             of_turn.retain(|block| {
                 by_block[*block].iter().any(|plant| cluster_of[*plant as usize].is_some())
             });
-            let weight = of_turn.len() as f32;
+            let weights = weights(&of_turn, &by_block, &cluster_of, clusters);
+            let turn = Turn { undergrowth, cluster_of: &cluster_of, measures: &measures, weights };
             let changes: Vec<Changes> = of_turn
                 .par_iter()
-                .map(|block| {
-                    let around: Vec<u32> =
-                        layout.around(*block).flat_map(|b| by_block[b].iter().copied()).collect();
-                    let own = &by_block[*block];
-                    let mut block = Block::new(
-                        &shared,
-                        *block,
-                        own,
-                        &around,
-                        undergrowth,
-                        &cluster_of,
-                        &measures,
-                        weight,
-                    );
-                    block.sweep(sweep);
-                    block.changes()
-                })
+                .map_init(
+                    || Scratch::new(measures.pairs.len()),
+                    |scratch, block| {
+                        let around = layout.around(*block);
+                        let around: Vec<u32> =
+                            around.flat_map(|block| by_block[block].iter().copied()).collect();
+                        let mut block =
+                            Block::new(&shared, &turn, scratch, *block, &by_block[*block], &around);
+                        block.sweep(sweep);
+                        block.changes()
+                    },
+                )
                 .collect();
             for change in changes {
-                change.write(undergrowth, &mut measures, &ground, frame.cell_m());
+                change.write(undergrowth, &mut measures, &ground);
             }
             stage.advance(1);
         }
@@ -195,6 +177,27 @@ pub fn refine(
     }
     debug_assert_eq!(measures, measure(&undergrowth.disks), "counts drifted");
     Ok(figures)
+}
+
+/// How many blocks of a turn have plants of each cluster: a change counts as many times, as if all of them made it.
+fn weights(
+    of_turn: &[usize],
+    by_block: &[Vec<u32>],
+    cluster_of: &[Option<u16>],
+    clusters: usize,
+) -> Vec<f32> {
+    let mut weights = vec![0.0; clusters];
+    let mut last = vec![usize::MAX; clusters];
+    for block in of_turn {
+        for cluster in by_block[*block].iter().filter_map(|plant| cluster_of[*plant as usize]) {
+            let cluster = usize::from(cluster);
+            if last[cluster] != *block {
+                last[cluster] = *block;
+                weights[cluster] += 1.0;
+            }
+        }
+    }
+    weights
 }
 
 /// Ground where nothing grows.
@@ -211,7 +214,8 @@ struct Ground {
 }
 
 impl Ground {
-    fn new(conditions: &Conditions<'_>, allowed: &Mask, statistics: &Statistics) -> Self {
+    fn new(synthesis: &Synthesis<'_>) -> Self {
+        let Synthesis { conditions, allowed, statistics, .. } = *synthesis;
         let frame = conditions.site().slope_rad.frame();
         let finder = ClusterFinder::new(statistics);
         let of_cell = |cell: usize| {
@@ -256,9 +260,43 @@ struct Shared<'a> {
     trees: &'a Trees,
     tree_buckets: &'a Buckets,
     widest_tree_m: f32,
+    widest_trunk_m: f32,
     targets: &'a [f32],
     area: Option<Area>,
     seed: u64,
+}
+
+/// What a turn begins with.
+struct Turn<'a> {
+    undergrowth: &'a Undergrowth,
+    cluster_of: &'a [Option<u16>],
+    measures: &'a Measures,
+    weights: Vec<f32>,
+}
+
+/// Counts that a block changes; all zero between blocks.
+struct Scratch {
+    /// Change of each count since the turn began.
+    changed: Vec<i32>,
+    /// Change that is being tried.
+    tried: Vec<i32>,
+    /// Counts that it touches, each once.
+    touched: Vec<u32>,
+    is_touched: Vec<bool>,
+    /// Counts that were changed.
+    ever_touched: Vec<u32>,
+}
+
+impl Scratch {
+    fn new(counts: usize) -> Self {
+        Self {
+            changed: vec![0; counts],
+            tried: vec![0; counts],
+            touched: Vec::new(),
+            is_touched: vec![false; counts],
+            ever_touched: Vec::new(),
+        }
+    }
 }
 
 /// A plant in a block.
@@ -281,14 +319,7 @@ struct Changes {
 }
 
 impl Changes {
-    fn write(
-        self,
-        undergrowth: &mut Undergrowth,
-        measures: &mut Measures,
-        ground: &Ground,
-        cell_m: f32,
-    ) {
-        debug_assert_eq!(ground.cell_m, cell_m);
+    fn write(self, undergrowth: &mut Undergrowth, measures: &mut Measures, ground: &Ground) {
         for plant in self.plants {
             let index = plant.index as usize;
             let disks = &mut undergrowth.disks;
@@ -310,22 +341,12 @@ impl Changes {
 /// A block at work: its own plants first, then those around.
 struct Block<'a> {
     shared: &'a Shared<'a>,
-    measures: &'a Measures,
-    weight: f32,
+    turn: &'a Turn<'a>,
+    scratch: &'a mut Scratch,
     own: usize,
     plants: Vec<Plant>,
     narrow: Grid,
     wide: Grid,
-    trees: Vec<u32>,
-    /// Change of each count since the turn began.
-    changed: Vec<i32>,
-    /// Change that is being tried.
-    tried: Vec<i32>,
-    /// Counts that it touches, each once.
-    touched: Vec<u32>,
-    is_touched: Vec<bool>,
-    /// Counts that were changed.
-    ever_touched: Vec<u32>,
 }
 
 /// Plants of a block by bucket.
@@ -367,17 +388,15 @@ impl Grid {
 }
 
 impl<'a> Block<'a> {
-    #[allow(clippy::too_many_arguments, reason = "what a block works on")]
     fn new(
         shared: &'a Shared<'a>,
+        turn: &'a Turn<'a>,
+        scratch: &'a mut Scratch,
         block: usize,
         own: &[u32],
         around: &[u32],
-        undergrowth: &Undergrowth,
-        cluster_of: &[Option<u16>],
-        measures: &'a Measures,
-        weight: f32,
     ) -> Self {
+        let Turn { undergrowth, cluster_of, .. } = *turn;
         let disks = &undergrowth.disks;
         let of = |index: &u32| {
             let plant = *index as usize;
@@ -412,25 +431,7 @@ impl<'a> Block<'a> {
             let grid = if *radius_m > WIDE_M { &mut wide } else { &mut narrow };
             grid.add(plant as u32, *place, *radius_m);
         }
-        let middle = corner_m.map(|m| m + 0.5 * side_m);
-        let reach_m = 0.71 * side_m + MOVE_M + widest_m + REACH_M + shared.widest_tree_m;
-        let mut trees = Vec::new();
-        shared.tree_buckets.near(middle, reach_m, |tree| trees.push(tree as u32));
-        Self {
-            shared,
-            weight,
-            own: own.len(),
-            plants,
-            narrow,
-            wide,
-            trees,
-            changed: vec![0; measures.pairs.len()],
-            tried: vec![0; measures.pairs.len()],
-            is_touched: vec![false; measures.pairs.len()],
-            touched: Vec::new(),
-            ever_touched: Vec::new(),
-            measures,
-        }
+        Self { shared, turn, scratch, own: own.len(), plants, narrow, wide }
     }
 
     /// Tries a change of each own plant.
@@ -511,13 +512,14 @@ impl<'a> Block<'a> {
     }
 
     fn is_in_trunk(&self, place: [f32; 2]) -> bool {
-        let trees = &self.shared.trees;
-        self.trees.iter().any(|tree| {
-            let tree = *tree as usize;
+        let Shared { trees, tree_buckets, widest_trunk_m, .. } = self.shared;
+        let mut is_in_trunk = false;
+        tree_buckets.near(place, *widest_trunk_m, |tree| {
             let east_m = trees.disks.east_m[tree] - place[0];
             let south_m = trees.disks.south_m[tree] - place[1];
-            east_m * east_m + south_m * south_m < trees.trunk_m[tree].powi(2)
-        })
+            is_in_trunk |= east_m * east_m + south_m * south_m < trees.trunk_m[tree].powi(2);
+        });
+        is_in_trunk
     }
 
     fn change(&mut self, plant: usize, to: Plant) {
@@ -535,9 +537,9 @@ impl<'a> Block<'a> {
 
     /// Adds a plant's pairs, both ways, or takes them away; but for those with one other.
     fn count(&mut self, plant: usize, sign: i32, without: usize) {
-        let Self {
-            plants, narrow, wide, trees, measures, tried, touched, is_touched, shared, ..
-        } = self;
+        let Self { plants, narrow, wide, shared, turn, scratch, .. } = self;
+        let Scratch { tried, touched, is_touched, .. } = &mut **scratch;
+        let measures = turn.measures;
         let own = plants[plant];
         let Some(cluster) = own.cluster.map(usize::from) else { return };
         let mut add = |index: usize| {
@@ -577,26 +579,27 @@ impl<'a> Block<'a> {
             }
         }
         let canopy = measures.kinds() - 1;
-        for tree in trees.iter() {
-            let tree = *tree as usize;
-            let disks = &shared.trees.disks;
+        let (disks, reach_m) = (&shared.trees.disks, own.radius_m + REACH_M + shared.widest_tree_m);
+        shared.tree_buckets.near(own.place, reach_m, |tree| {
             let away_m = away_m([disks.east_m[tree], disks.south_m[tree]]);
             if let Some(bin) = disk_distance::bin(away_m, own.radius_m, disks.radius_m[tree]) {
                 add(first + canopy * BINS + bin);
             }
-        }
+        });
     }
 
     /// Whether what is tried brings counts nearer to what is wanted.
     fn is_better(&self) -> bool {
+        let Scratch { changed, tried, touched, .. } = &*self.scratch;
+        let Turn { measures, weights, .. } = self.turn;
+        let of_cluster = measures.pair(1, 0, 0);
         let mut gain = 0.0;
-        for index in &self.touched {
+        for index in touched {
             let index = *index as usize;
-            let tried = self.tried[index];
-            if tried != 0 {
-                let count = self.measures.pairs[index] as f32;
-                let now = count + self.weight * self.changed[index] as f32;
-                let then = now + self.weight * tried as f32;
+            if tried[index] != 0 {
+                let weight = weights[index / of_cluster];
+                let now = measures.pairs[index] as f32 + weight * changed[index] as f32;
+                let then = now + weight * tried[index] as f32;
                 let wanted = self.shared.targets[index];
                 gain += (now - wanted).abs() - (then - wanted).abs();
             }
@@ -605,30 +608,106 @@ impl<'a> Block<'a> {
     }
 
     fn keep(&mut self) {
-        for index in self.touched.drain(..) {
+        let Scratch { changed, tried, touched, is_touched, ever_touched } = &mut *self.scratch;
+        for index in touched.drain(..) {
             let at = index as usize;
-            self.is_touched[at] = false;
-            if self.tried[at] != 0 {
-                self.changed[at] += self.tried[at];
-                self.ever_touched.push(index);
-                self.tried[at] = 0;
+            is_touched[at] = false;
+            if tried[at] != 0 {
+                changed[at] += tried[at];
+                ever_touched.push(index);
+                tried[at] = 0;
             }
         }
     }
 
     fn forget(&mut self) {
-        for index in self.touched.drain(..) {
-            self.is_touched[index as usize] = false;
-            self.tried[index as usize] = 0;
+        let Scratch { tried, touched, is_touched, .. } = &mut *self.scratch;
+        for index in touched.drain(..) {
+            is_touched[index as usize] = false;
+            tried[index as usize] = 0;
         }
     }
 
+    /// What was changed; leaves the scratch empty.
     fn changes(mut self) -> Changes {
-        self.ever_touched.sort_unstable();
-        self.ever_touched.dedup();
-        let pairs = self.ever_touched.iter().map(|index| (*index, self.changed[*index as usize]));
-        let pairs = pairs.filter(|(_, change)| *change != 0).collect();
+        let Scratch { changed, ever_touched, .. } = &mut *self.scratch;
+        ever_touched.sort_unstable();
+        ever_touched.dedup();
+        let take = |index: u32| (index, std::mem::take(&mut changed[index as usize]));
+        let pairs = ever_touched.drain(..).map(take).filter(|(_, change)| *change != 0).collect();
         self.plants.truncate(self.own);
         Changes { plants: self.plants, pairs }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sampling;
+    use super::super::sampling::tests::with_scene;
+    use super::super::statistics::tests::example;
+    use super::*;
+    use crate::species::Biome;
+
+    fn refined(
+        biome: &Biome,
+        area: Option<Area>,
+        threads: usize,
+    ) -> (Undergrowth, Undergrowth, RefinementFigures) {
+        let statistics = example(biome);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            with_scene(biome, &statistics, |synthesis| {
+                let reporter = Reporter::silent();
+                let sampled = sampling::sample(synthesis, &reporter).unwrap();
+                let mut refined = sampled.clone();
+                let figures = refine(&mut refined, synthesis, area, &reporter).unwrap();
+                (sampled, refined, figures)
+            })
+        })
+    }
+
+    /// Heights of each cluster's species, sorted.
+    fn sizes(undergrowth: &Undergrowth) -> Vec<(u16, u16, u32)> {
+        let disks = &undergrowth.disks;
+        let mut sizes: Vec<_> = (0..disks.len())
+            .map(|i| (undergrowth.cluster[i], disks.species[i], disks.height_m[i].to_bits()))
+            .collect();
+        sizes.sort_unstable();
+        sizes
+    }
+
+    #[test]
+    fn plants_come_to_lie_as_asked_and_stay_what_they_are() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let (sampled, refined, figures) = refined(&biome, None, 2);
+        let differences = &figures.differences;
+        assert!(differences.is_sorted_by(|a, b| a >= b), "{differences:?}");
+        let (first, last) = (differences[0], differences[differences.len() - 1]);
+        assert!(last < 0.8 * first, "{first} {last}");
+        assert_eq!(figures.plants, sampled.disks.len());
+        assert_eq!(sizes(&sampled), sizes(&refined));
+        assert_ne!(sampled.disks.east_m, refined.disks.east_m);
+    }
+
+    #[test]
+    fn plants_outside_the_area_stay() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let area = Area { west_m: 10.0, north_m: 40.0, east_m: 40.0, south_m: 70.0 };
+        let (sampled, refined, figures) = refined(&biome, Some(area), 2);
+        let mut changed = 0;
+        for plant in 0..sampled.disks.len() {
+            let place = |of: &Undergrowth| [of.disks.east_m[plant], of.disks.south_m[plant]];
+            assert_eq!(area.contains(place(&sampled)), area.contains(place(&refined)));
+            let is_same = place(&sampled) == place(&refined);
+            assert!(is_same || area.contains(place(&sampled)));
+            changed += usize::from(!is_same);
+        }
+        assert!(changed > 20 && changed <= figures.plants, "{changed}");
+    }
+
+    #[test]
+    fn threads_do_not_matter() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        assert_eq!(refined(&biome, None, 1), refined(&biome, None, 3));
     }
 }

@@ -13,28 +13,26 @@
 
 use rayon::prelude::*;
 
-use super::conditions::Conditions;
+use super::Synthesis;
 use super::disks::Disks;
-use super::statistics::{ClusterFinder, SpeciesShare, Statistics};
+use super::statistics::{ClusterFinder, SpeciesShare};
 use crate::plants::{Layer, Plants};
 use crate::progress::{Cancelled, Reporter};
-use crate::raster::Mask;
 use crate::rng::{self, Key, Process};
-use crate::species::Biome;
 
 /// Width of the blocks that are filled at once, m. Chosen: some thousands of plants; much more than plants keep apart.
 pub const BLOCK_M: f32 = 32.0;
-/// Places that are tried for a plant.
+/// Places that are tried for a plant. chosen: the fourth is hardly needed.
 const TRIES: u8 = 4;
 /// Share of its crown's radius that a plant keeps free of others' same share. Chosen: of 0–0.4 the one that leaves pair
 /// distances of simulated plots nearest to theirs.
 const CORE_FRACTION: f32 = 0.15;
-/// Side of the squares in which neighbours are sought, m: more than two cores.
+/// Side of the squares in which neighbours are sought, m. chosen: two cores, but of shrubs wider than 3 m.
 const SQUARE_M: f32 = 1.0;
 /// Ids of undergrowth begin here, those of the canopy end far below.
 const FIRST_ID: u64 = 1 << 40;
-/// Most plants of a cell: ids of the next begin after so many.
-const IDS_PER_CELL: u64 = 1024;
+/// Most plants of a cell: ids of the next begin after so many. chosen: cells of 10 m with 160 plants a m².
+const IDS_PER_CELL: u64 = 1 << 14;
 
 /// Undergrowth on the ground of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -88,20 +86,12 @@ struct Unplaced {
 ///
 /// # Errors
 /// [`Cancelled`] once the run was cancelled.
-pub fn sample(
-    conditions: &Conditions<'_>,
-    allowed: &Mask,
-    trees: &Trees,
-    statistics: &Statistics,
-    biome: &Biome,
-    seed: u64,
-    reporter: &Reporter,
-) -> Result<Undergrowth, Cancelled> {
-    let frame = conditions.site().slope_rad.frame();
+pub fn sample(synthesis: &Synthesis<'_>, reporter: &Reporter) -> Result<Undergrowth, Cancelled> {
+    let frame = synthesis.conditions.site().slope_rad.frame();
     let layout = Layout::new(frame.rows, frame.cols, frame.cell_m());
     let stage = reporter.stage("undergrowth", 4);
-    let sampler = Sampler::new(conditions, allowed, statistics, biome, seed);
-    let trunks = layout.trunks(trees);
+    let sampler = Sampler::new(synthesis);
+    let trunks = layout.trunks(synthesis.trees);
     let mut blocks: Vec<Vec<Unplaced>> = vec![Vec::new(); layout.rows * layout.cols];
     for turn in 0..4 {
         reporter.check_cancelled()?;
@@ -113,7 +103,8 @@ pub fn sample(
         of_turn.into_iter().zip(filled).for_each(|(block, plants)| blocks[block] = plants);
         stage.advance(1);
     }
-    let mut plants: Vec<Unplaced> = blocks.into_iter().flatten().collect();
+    let mut plants = Vec::with_capacity(blocks.iter().map(Vec::len).sum());
+    blocks.into_iter().for_each(|block| plants.extend(block));
     plants.par_sort_unstable_by_key(|plant| (plant.cell, plant.number));
     let mut undergrowth = Undergrowth {
         id: plants.iter().map(Unplaced::id).collect(),
@@ -208,38 +199,25 @@ impl Layout {
 }
 
 struct Sampler<'a> {
-    conditions: &'a Conditions<'a>,
-    allowed: &'a Mask,
-    statistics: &'a Statistics,
+    synthesis: &'a Synthesis<'a>,
     finder: ClusterFinder<'a>,
-    biome: &'a Biome,
     sub_biomes: Vec<u32>,
-    seed: u64,
     /// Absolute number of the first column and row.
     first: [i64; 2],
 }
 
 impl<'a> Sampler<'a> {
-    fn new(
-        conditions: &'a Conditions<'a>,
-        allowed: &'a Mask,
-        statistics: &'a Statistics,
-        biome: &'a Biome,
-        seed: u64,
-    ) -> Self {
-        let transform = conditions.site().slope_rad.frame().transform;
+    fn new(synthesis: &'a Synthesis<'a>) -> Self {
+        let transform = synthesis.conditions.site().slope_rad.frame().transform;
         // places are below 10⁹ cells
         let number = |m: f64| (m / transform.cell_m).round() as i64;
         let bits = |sub_biomes: &Vec<usize>| sub_biomes.iter().fold(0, |bits, i| bits | 1 << i);
+        let species = &synthesis.biome.species;
         Self {
-            finder: ClusterFinder::new(statistics),
-            sub_biomes: biome.species.iter().map(|species| bits(&species.sub_biomes)).collect(),
+            finder: ClusterFinder::new(synthesis.statistics),
+            sub_biomes: species.iter().map(|species| bits(&species.sub_biomes)).collect(),
             first: [number(transform.west_m), number(transform.north_m)],
-            conditions,
-            allowed,
-            statistics,
-            biome,
-            seed,
+            synthesis,
         }
     }
 
@@ -273,26 +251,27 @@ impl<'a> Sampler<'a> {
     fn unplaced(&self, block: usize, layout: &Layout) -> Vec<Unplaced> {
         let Layout { cells, ground_rows, ground_cols, cell_m, .. } = *layout;
         let (top, left) = (block / layout.cols * cells, block % layout.cols * cells);
+        let Synthesis { conditions, allowed, statistics, biome, .. } = *self.synthesis;
         let mut plants = Vec::new();
         let mut known: (u32, &[usize]) = (0, &[]);
         for row in top..(top + cells).min(ground_rows) {
             for col in left..(left + cells).min(ground_cols) {
                 let cell = row * ground_cols + col;
-                let seeds = self.conditions.seeds(cell);
-                if !self.allowed.as_slice()[cell] || seeds.sub_biomes == 0 {
+                let seeds = conditions.seeds(cell);
+                if !allowed.as_slice()[cell] || seeds.sub_biomes == 0 {
                     continue;
                 }
                 if known.0 != seeds.sub_biomes {
                     known = (seeds.sub_biomes, self.finder.clusters(seeds.sub_biomes));
                 }
-                let abiotics = self.conditions.abiotics(cell);
+                let abiotics = conditions.abiotics(cell);
                 let index = self.finder.nearest(&abiotics, known.1);
-                let cluster = &self.statistics.clusters[index];
+                let cluster = &statistics.clusters[index];
                 let expected = cluster.plants_per_m2(seeds.chance_per_year) * cell_m * cell_m;
                 let entity = self.entity(row, col);
                 let number = expected + self.draw(Process::UndergrowthCount, entity, 0, 0)[0];
                 let number = (number as u64).min(IDS_PER_CELL - 1) as u16;
-                let species = self.statistics.species(index);
+                let species = statistics.species(index);
                 let may_grow = |share: &&SpeciesShare| {
                     self.sub_biomes[usize::from(share.species)] & seeds.sub_biomes != 0
                 };
@@ -308,7 +287,7 @@ impl<'a> Sampler<'a> {
                         continue;
                     };
                     let height_m = share.height_at_m(size);
-                    let grown = &self.biome.species[usize::from(share.species)];
+                    let grown = &biome.species[usize::from(share.species)];
                     plants.push(Unplaced {
                         cell: cell as u32, // scenes have fewer cells
                         number,
@@ -373,7 +352,13 @@ impl<'a> Sampler<'a> {
     }
 
     fn draw(&self, process: Process, entity: u64, number: u16, round: u8) -> [f32; 4] {
-        rng::uniforms(Key { seed: self.seed, process, year: number, month: round, entity })
+        rng::uniforms(Key {
+            seed: self.synthesis.seed,
+            process,
+            year: number,
+            month: round,
+            entity,
+        })
     }
 }
 
@@ -455,12 +440,14 @@ impl Squares {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::statistics::tests::example;
+    use super::super::{Conditions, Statistics};
     use super::*;
     use crate::canopy::site::Site;
-    use crate::raster::Grid;
+    use crate::raster::{Grid, Mask};
     use crate::simulation::Parameters;
+    use crate::species::Biome;
 
     /// 120 × 120 m with conifers of two rows in the west, bare beyond.
     fn scene(biome: &Biome) -> (Site, Plants) {
@@ -488,49 +475,60 @@ mod tests {
         (site, trees)
     }
 
-    fn grown(biome: &Biome, threads: usize) -> (Undergrowth, Vec<f32>) {
+    /// What `with` makes of the scene, but for a line of cells where nothing may stand.
+    pub fn with_scene<T>(
+        biome: &Biome,
+        statistics: &Statistics,
+        with: impl FnOnce(&Synthesis<'_>) -> T,
+    ) -> T {
         let (site, trees) = scene(biome);
-        let statistics = example(biome);
         let conditions = Conditions::under(&trees, &site, biome, &Parameters::kapp2020());
         let allowed = Mask::new((0..120 * 120).map(|cell| cell / 120 != 50).collect::<Vec<bool>>());
         let trees = Trees::of(&trees, 120.0);
+        let (conditions, allowed, trees, seed) = (&conditions, &allowed, &trees, 7);
+        with(&Synthesis { conditions, allowed, trees, statistics, biome, seed })
+    }
+
+    fn grown(biome: &Biome, threads: usize) -> Undergrowth {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let undergrowth = pool
-            .install(|| {
-                let reporter = Reporter::silent();
-                sample(&conditions, &allowed, &trees, &statistics, biome, 7, &reporter)
+        pool.install(|| {
+            with_scene(biome, &example(biome), |synthesis| {
+                sample(synthesis, &Reporter::silent()).unwrap()
             })
-            .unwrap();
-        for (place, trunk_m) in
-            trees.disks.east_m.iter().zip(&trees.disks.south_m).zip(&trees.trunk_m)
-        {
-            for plant in 0..undergrowth.disks.len() {
-                let away_m = (undergrowth.disks.east_m[plant] - place.0)
-                    .hypot(undergrowth.disks.south_m[plant] - place.1);
-                assert!(away_m >= *trunk_m, "a plant in a trunk");
-            }
-        }
-        let expected = (0..120 * 120)
-            .map(|cell| {
-                let seeds = conditions.seeds(cell);
-                let finder = ClusterFinder::new(&statistics);
-                let clusters = finder.clusters(seeds.sub_biomes);
-                let index = finder.nearest(&conditions.abiotics(cell), clusters);
+        })
+    }
+
+    /// Plants a cell should have.
+    fn expected(biome: &Biome) -> f32 {
+        let statistics = example(biome);
+        with_scene(biome, &statistics, |synthesis| {
+            let finder = ClusterFinder::new(&statistics);
+            let of_cell = |cell: usize| {
+                let seeds = synthesis.conditions.seeds(cell);
+                let abiotics = synthesis.conditions.abiotics(cell);
+                let index = finder.nearest(&abiotics, finder.clusters(seeds.sub_biomes));
                 statistics.clusters[index].plants_per_m2(seeds.chance_per_year)
-            })
-            .collect();
-        (undergrowth, expected)
+            };
+            (0..120 * 120).filter(|cell| synthesis.allowed.is_valid(*cell)).map(of_cell).sum()
+        })
     }
 
     #[test]
     fn cells_get_the_plants_of_their_cluster_and_none_where_none_may_stand() {
         let biome = Biome::builtin("sonoma").unwrap();
-        let (undergrowth, expected) = grown(&biome, 1);
-        let wanted: f32 =
-            expected.iter().enumerate().filter(|(cell, _)| cell / 120 != 50).map(|(_, d)| d).sum();
+        let (undergrowth, wanted) = (grown(&biome, 1), expected(&biome));
         let found = undergrowth.disks.len() as f32;
         assert!((found / wanted - 1.0).abs() < 0.03, "{found} for {wanted}");
         assert!(undergrowth.cell.iter().all(|cell| cell / 120 != 50));
+        let trees = with_scene(&biome, &example(&biome), |synthesis| synthesis.trees.clone());
+        for tree in 0..trees.disks.len() {
+            let at = [trees.disks.east_m[tree], trees.disks.south_m[tree]];
+            let places = undergrowth.disks.east_m.iter().zip(&undergrowth.disks.south_m);
+            let is_outside = |(east_m, south_m): (&f32, &f32)| {
+                (east_m - at[0]).powi(2) + (south_m - at[1]).powi(2) >= trees.trunk_m[tree].powi(2)
+            };
+            assert!(places.into_iter().all(is_outside), "a plant in a trunk");
+        }
         // seeds of conifers reach 48 m from the eastern row
         assert!(undergrowth.disks.east_m.iter().all(|east_m| *east_m < 20.0 + 48.0 + 6.0));
         // ferns under crowns, shrubs beside them
@@ -547,6 +545,6 @@ mod tests {
     #[test]
     fn threads_do_not_matter() {
         let biome = Biome::builtin("sonoma").unwrap();
-        assert_eq!(grown(&biome, 1).0, grown(&biome, 3).0);
+        assert_eq!(grown(&biome, 1), grown(&biome, 3));
     }
 }

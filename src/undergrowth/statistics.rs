@@ -69,8 +69,8 @@ pub struct Cluster {
     pub area_m2: f32,
     /// Plants that were counted.
     pub plants: u32,
-    /// Plants by the chance of seeds, rising.
-    pub density: Vec<Density>,
+    /// Plants by the chance of seeds.
+    pub density: Density,
     /// Its species, in the order of their index.
     pub species: Vec<SpeciesShare>,
     /// The cluster that the species are taken from, if too few plants were counted here.
@@ -83,14 +83,15 @@ pub struct Cluster {
     pub pairs_from: Option<u16>,
 }
 
-/// Density where seeds sprout so often.
+/// Density by the chance of seeds c: s c / (1 + c / h), proportional where seeds are few, and less than that where plants
+/// leave seeds no room.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Density {
-    /// Chance a year that a seed sprouts in a simulation cell.
-    pub seed_chance: f32,
-    /// Plants a m².
-    pub plants_per_m2: f32,
+    /// Plants a m² over the chance a year that a seed sprouts in a simulation cell, where seeds are few: s.
+    pub plants_per_m2_and_chance: f32,
+    /// Chance at which there are half as many as in proportion: h.
+    pub half_chance: f32,
 }
 
 /// A species in a cluster.
@@ -197,13 +198,11 @@ impl Statistics {
             if !cluster.centre.iter().all(|value| value.is_finite()) {
                 return Err("a cluster without a centre");
             }
-            let densities = &cluster.density;
-            let is_rising =
-                densities.windows(2).all(|pair| pair[0].seed_chance < pair[1].seed_chance);
-            let are_amounts =
-                densities.iter().all(|d| is_amount(d.plants_per_m2) && is_amount(d.seed_chance));
-            if !is_rising || !are_amounts {
-                return Err("densities that are none");
+            let Density { plants_per_m2_and_chance, half_chance } = cluster.density;
+            if !is_amount(plants_per_m2_and_chance)
+                || !(half_chance.is_finite() && half_chance > 0.0)
+            {
+                return Err("a density that is none");
             }
             for share in &cluster.species {
                 let is_known = usize::from(share.species) < self.species.len();
@@ -257,6 +256,8 @@ pub struct ClusterFinder<'a> {
     statistics: &'a Statistics,
     /// Clusters of each combination of sub-biomes that was simulated.
     by_sub_biomes: BTreeMap<u32, Vec<usize>>,
+    /// Coordinates of each cluster's centre.
+    centres: Vec<Abiotics>,
 }
 
 impl<'a> ClusterFinder<'a> {
@@ -266,53 +267,40 @@ impl<'a> ClusterFinder<'a> {
         for (index, cluster) in statistics.clusters.iter().enumerate() {
             by_sub_biomes.entry(cluster.sub_biomes).or_default().push(index);
         }
-        Self { statistics, by_sub_biomes }
+        let centre = |cluster: &Cluster| statistics.scale.coordinates(&cluster.centre);
+        let centres = statistics.clusters.iter().map(centre).collect();
+        Self { statistics, by_sub_biomes, centres }
     }
 
     /// The clusters of a combination of sub-biomes; of the most alike one, if it was not simulated.
     pub fn clusters(&self, sub_biomes: u32) -> &[usize] {
-        let nearest =
-            self.by_sub_biomes.iter().min_by_key(|(bits, _)| (**bits ^ sub_biomes).count_ones());
-        self.by_sub_biomes
-            .get(&sub_biomes)
-            .or(nearest.map(|(_, clusters)| clusters))
-            .map_or(&[], Vec::as_slice)
+        let most_alike = || {
+            let apart = |bits: &u32| (bits ^ sub_biomes).count_ones();
+            self.by_sub_biomes.iter().min_by_key(|(bits, _)| apart(bits)).map(|(_, c)| c)
+        };
+        self.by_sub_biomes.get(&sub_biomes).or_else(most_alike).map_or(&[], Vec::as_slice)
     }
 
     /// The nearest of some clusters.
     #[inline]
     pub fn nearest(&self, at: &Abiotics, clusters: &[usize]) -> usize {
-        let centres =
-            clusters.iter().map(|index| (*index, &self.statistics.clusters[*index].centre));
+        let centres = clusters.iter().map(|index| (*index, &self.centres[*index]));
         self.statistics.scale.nearest(at, centres)
     }
 }
 
 impl Cluster {
-    /// Plants a m² where seeds sprout so often: between the classes that were counted, linear to none at none, and a little
-    /// beyond the last.
+    /// Plants a m² where seeds sprout with such a chance a year.
     ///
     /// # Reference
     /// Kapp et al. 2020, section 6.2, Sampling: plants taper off with the seeding radii of the canopy.
     /// # Departures
-    /// They thin by the chance itself. In dense woods most seedlings find no room whatever their number, so density follows
-    /// what was counted at such chances.
+    /// They thin by the chance itself. In dense woods many seedlings find no room, so density follows what was counted at such
+    /// chances ([`Density`]).
+    #[inline]
     pub fn plants_per_m2(&self, seed_chance: f32) -> f32 {
-        let mut below = Density { seed_chance: 0.0, plants_per_m2: 0.0 };
-        for at in &self.density {
-            if seed_chance < at.seed_chance {
-                let along =
-                    (seed_chance - below.seed_chance) / (at.seed_chance - below.seed_chance);
-                return below.plants_per_m2 + (at.plants_per_m2 - below.plants_per_m2) * along;
-            }
-            below = *at;
-        }
-        // beyond the last class: on as before it, for half as much again
-        let [.., before, last] = self.density.as_slice() else { return below.plants_per_m2 };
-        let slope =
-            (last.plants_per_m2 - before.plants_per_m2) / (last.seed_chance - before.seed_chance);
-        let beyond = seed_chance.min(1.5 * last.seed_chance) - last.seed_chance;
-        (last.plants_per_m2 + slope * beyond).max(0.0)
+        let Density { plants_per_m2_and_chance, half_chance } = self.density;
+        plants_per_m2_and_chance * seed_chance / (1.0 + seed_chance / half_chance)
     }
 }
 
@@ -355,10 +343,7 @@ pub(super) mod tests {
             centre: [sun_h, 80.0, 12.0, 0.1],
             area_m2: 1000.0,
             plants: 900,
-            density: vec![
-                Density { seed_chance: 0.02, plants_per_m2: 0.5 },
-                Density { seed_chance: 0.1, plants_per_m2: 0.9 },
-            ],
+            density: Density { plants_per_m2_and_chance: 40.0, half_chance: 0.05 },
             species: shares,
             species_from: None,
             pairs: vec![pair("western-swordfern", "western-swordfern")],
@@ -380,7 +365,7 @@ pub(super) mod tests {
                 area_m2: 3000.0,
                 plants: 2700,
             },
-            scale: Scale { unit: [4.0, 60.0, 15.0, 1.0] },
+            scale: Scale { unit: [4.0, 0.5, 15.0, 1.0] },
             clusters: vec![
                 cluster(1, 3.0, ferns),
                 cluster(1, 8.0, shrubs.clone()),
@@ -402,18 +387,16 @@ pub(super) mod tests {
         assert!(message(&text[..200], &biome).contains("cannot be read"));
         let newer = text.replacen("\"format\":1", "\"format\":9", 1);
         assert!(message(&newer, &biome).contains("layout 9"));
-        let negative = text.replacen("\"plants_per_m2\":0.5", "\"plants_per_m2\":-0.5", 1);
-        assert!(message(&negative, &biome).contains("densities"));
+        let negative = text.replacen("_and_chance\":40", "_and_chance\":-40", 1);
+        assert!(message(&negative, &biome).contains("a density"));
     }
 
     #[test]
     fn density_tapers_with_the_chance_of_seeds() {
         let biome = Biome::builtin("sonoma").unwrap();
         let cluster = &example(&biome).clusters[0];
-        for (chance, expected) in
-            [(0.0, 0.0), (0.01, 0.25), (0.02, 0.5), (0.06, 0.7), (0.12, 1.0), (0.5, 1.15)]
-        {
-            assert!((cluster.plants_per_m2(chance) - expected).abs() < 1e-6, "{chance}");
+        for (chance, expected) in [(0.0, 0.0), (0.001, 0.0392), (0.05, 1.0), (0.15, 1.5)] {
+            assert!((cluster.plants_per_m2(chance) - expected).abs() < 1e-3, "{chance}");
         }
     }
 

@@ -4,7 +4,6 @@ use super::variety::{clumps, speck};
 use crate::export::canvas::Rect;
 use crate::export::fit::fit_window;
 use crate::export::preview;
-use crate::export::ramp::Spread;
 use crate::export::relief::lit;
 use crate::raster::{Grid, MapWindow};
 
@@ -50,10 +49,7 @@ impl Litters<'_> {
             share.values_mut().iter_mut().for_each(|v| *v = (*v / most.max(1e-6)).clamp(0.0, 1.0));
             share
         };
-        let litter = self.litterfall.map(|grid| {
-            let most = Spread::robust(grid.valid_values().copied()).map_or(1.0, |s| s.high);
-            share(grid, most)
-        });
+        let litter = self.litterfall.map(|grid| share(grid, 1.0));
         [litter, self.grass_height_m.map(|(grid, most)| share(grid, most))]
     }
 }

@@ -114,7 +114,8 @@ impl Transect {
             transect.ground_m.iter().fold(f32::MIN, |highest, z| highest.max(*z));
         transect.high_m = transect.high_m.min(highest_ground_m + cut_m);
         transect.tallest_m = transect.tallest_m.min(transect.high_m - transect.low_m);
-        Some(transect)
+        let px = (transect.high_m - transect.low_m) * plan_px_per_m;
+        (px <= TALLEST_PX as f32).then_some(transect) // some thousands
     }
 
     fn at_scale(site: &Site<'_>, area: &Area, width: u32, px_per_m: f32) -> Self {
