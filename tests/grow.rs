@@ -52,10 +52,14 @@ fn told(output: &Output) -> String {
     String::from_utf8(text).unwrap()
 }
 
-fn figures(folder: &Path) -> toml::Table {
+fn stage(folder: &Path, name: &str) -> toml::Table {
     let text = fs::read_to_string(folder.join("scene.toml")).unwrap();
     let scene: toml::Table = text.parse().unwrap();
-    scene["stages"]["canopy"]["figures"].as_table().unwrap().clone()
+    scene["stages"][name].as_table().unwrap().clone()
+}
+
+fn figures(folder: &Path) -> toml::Table {
+    stage(folder, "canopy")["figures"].as_table().unwrap().clone()
 }
 
 #[test]
@@ -84,6 +88,37 @@ fn a_changed_share_redoes_the_trees_alone_and_nothing_changed_nothing() {
     let dem = paths[0].to_str().unwrap();
     let import = wildwood(&["import", dem, "-o", forest, "--json"]);
     assert!(!ran(&import, "sunlight") && paths[2].join("plants.csv").exists());
+}
+
+#[test]
+fn undergrowth_is_grown_refined_and_left_out() {
+    let (_home, paths) = home(|chm| write_tiff(chm, 32611, 500_000.0, |r, c| Some(domes(r, c))));
+    let undergrowth = || stage(&paths[2], "undergrowth")["figures"].clone();
+    let done = |options: &[&str]| {
+        let output = grow(&paths, options);
+        assert!(output.status.success(), "{}", told(&output));
+        told(&output)
+    };
+    done(&[]);
+    let plants = undergrowth()["plants"].as_integer().unwrap();
+    assert!(plants > 500, "{plants} plants");
+    assert!(paths[2].join("grass.tif").exists() && paths[2].join("litterfall.tif").exists());
+    let sampled = fs::read(paths[2].join("plants.parquet")).unwrap();
+
+    let outside = grow(&paths, &["--refine-area", "100,100,50"]);
+    assert_eq!(outside.status.code(), Some(2), "{}", told(&outside));
+    assert!(told(&outside).contains("--refine-area"), "{}", told(&outside));
+    assert_eq!(fs::read(paths[2].join("plants.parquet")).unwrap(), sampled);
+
+    assert!(done(&["--refine"]).contains("refinement"));
+    assert_eq!(undergrowth()["plants"].as_integer(), Some(plants));
+    assert_ne!(fs::read(paths[2].join("plants.parquet")).unwrap(), sampled);
+    assert!(!done(&["--refine"]).contains("refinement"), "nothing has changed");
+
+    done(&["--no-undergrowth"]);
+    assert_eq!(undergrowth()["plants"].as_integer(), Some(0));
+    done(&[]);
+    assert_eq!(fs::read(paths[2].join("plants.parquet")).unwrap(), sampled);
 }
 
 #[test]
@@ -156,6 +191,7 @@ fn importing_with_another_biome_takes_the_trees_and_keeps_their_canopy() {
     let import = wildwood(&["import", dem, "-o", forest, "--biome", "pyrenees"]);
     assert!(told(&import).contains("trees grown here"), "{}", told(&import));
     assert!(!paths[2].join("plants.parquet").exists() && paths[2].join("preview.png").exists());
+    assert!(!paths[2].join("grass.tif").exists() && !paths[2].join("litterfall.tif").exists());
     let regrown = wildwood(&["grow", forest, "--json"]);
     assert!(regrown.status.success(), "{}", told(&regrown));
     assert!(paths[2].join("plants.parquet").exists());

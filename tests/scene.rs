@@ -36,6 +36,8 @@ fn a_scene_has_the_files_it_promises() {
     let promised = [
         "chm.tif",
         "discharge.tif",
+        "grass.tif",
+        "litterfall.tif",
         "moisture.tif",
         "plants.parquet",
         "preview.png",

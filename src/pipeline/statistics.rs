@@ -31,26 +31,30 @@ use crate::terrain::generate::{self, GenerateParams};
 use crate::undergrowth::analysis::{self, LEAST_HEIGHT_M, Sample};
 use crate::undergrowth::conditions::Conditions;
 use crate::undergrowth::disks::Disks;
-use crate::undergrowth::statistics::{FORMAT, Statistics};
+use crate::undergrowth::statistics::Statistics;
 
-/// Side of a landscape, in cells of 1 m. Chosen: water has slopes to gather on, and seeds come from all sides.
+/// Version of simulated plots: another one wherever they would come out otherwise, so that none of an older kind is used again.
+const SAMPLE_VERSION: u32 = 2;
+
+/// Side of a landscape, in cells of 1 m. chosen: water has slopes to gather on, and seeds come from all sides.
 const LANDSCAPE_CELLS: usize = 320;
 /// Side of a plot's counted ground, m.
 const COUNTED_CELLS: usize = 96;
 /// Rim around it whose plants are neighbours only, m: more than the reach of disk distances.
 const RIM_CELLS: usize = 4;
-/// Plots of a landscape: its wettest window under trees, and its driest.
+/// Plots of a landscape. chosen: its wettest window under trees, and its driest.
 const PLOTS: usize = 2;
-/// Landscapes of a combination of sub-biomes, at least; together at least [`LEAST_LANDSCAPES`].
+/// Landscapes of a combination of sub-biomes, at least; together at least [`LEAST_LANDSCAPES`]. chosen: a dry year's and a wet
+/// one's, some minutes in all.
 const LANDSCAPES_PER_COMBINATION: usize = 2;
 const LEAST_LANDSCAPES: usize = 10;
-/// Windows that a plot is chosen from, along each side.
+/// Windows that a plot is chosen from, along each side. chosen: they overlap by half.
 const CHOICES: usize = 5;
-/// Least light that trees take from a plot, as a share of it: meadows have no seeds.
+/// Least light that trees take from a plot, as a share of it. chosen: meadows have no seeds.
 const LEAST_SHADE_FRACTION: f32 = 0.05;
-/// Farther than that from a plot trees are nobody's neighbours, m.
+/// Farther than that from a plot trees are nobody's neighbours, m. chosen: the widest crown and its reach.
 const TREES_WITHIN_M: f32 = 20.0;
-/// Distance between middles of patches of one sub-biome, m. Chosen: twice as far as seeds of middling crowns fly.
+/// Distance between middles of patches of one sub-biome, m. chosen: twice as far as seeds of middling crowns fly.
 const PATCH_M: f32 = 80.0;
 
 /// Statistics to make.
@@ -68,7 +72,7 @@ pub struct StatisticsRequest {
     pub seed: u64,
 }
 
-/// Last years that plants are counted in. Chosen: cohorts of gaps come and go within them.
+/// Last years that plants are counted in. chosen: cohorts of gaps come and go within them.
 pub const COUNTED_YEARS: u16 = 50;
 
 /// Least years that leave as many to count in.
@@ -100,7 +104,7 @@ pub fn run(request: &StatisticsRequest, reporter: &Reporter) -> Result<Statistic
     let key = import::key(&[
         "statistics",
         env!("CARGO_PKG_VERSION"),
-        &format!("{biome:?} {parameters:?} {} {} {FORMAT}", request.years, request.seed),
+        &format!("{biome:?} {parameters:?} {} {} {SAMPLE_VERSION}", request.years, request.seed),
     ]);
     let stage = reporter.stage("plots", (landscapes.len() * PLOTS) as u64);
     let samples: Vec<Vec<Sample>> = (landscapes.par_iter().enumerate())
@@ -419,7 +423,7 @@ impl Grown {
             cols: window.cols.len(),
             cell_m,
             rim_m: RIM_CELLS as f32 * cell_m,
-            abiotics: cells().map(|cell| conditions.abiotics(cell)).collect(),
+            factors: cells().map(|cell| conditions.factors(cell, conditions.seeds(cell))).collect(),
             seeds: cells()
                 .map(|cell| conditions.seeds(cell))
                 .map(|seeds| (seeds.chance_per_year, seeds.sub_biomes))
@@ -460,5 +464,37 @@ impl Grown {
                 a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
             })
             .unwrap_or(CellWindow { rows: 0..side, cols: 0..side })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_combination_of_sub_biomes_has_landscapes() {
+        let of = |name: &str| landscapes(&Biome::builtin(name).unwrap());
+        let sonoma = of("sonoma");
+        assert_eq!(sonoma.len(), 2 * 15);
+        assert!((1..16).all(|bits| sonoma.iter().filter(|l| l.sub_biomes == bits).count() == 2));
+        assert_eq!(of("pyrenees").len(), LEAST_LANDSCAPES);
+    }
+
+    #[test]
+    fn a_plot_has_what_its_analysis_needs_and_reads_back() {
+        let biome = Biome::builtin("pyrenees").unwrap();
+        let reporter = Reporter::silent();
+        let held_out = HeldOut::grow(&biome, 1, 3, &reporter).unwrap();
+        let plots = held_out.simulate(&biome, 12, &reporter).unwrap();
+        assert_eq!(plots.len(), PLOTS);
+        for (window, sample) in plots {
+            assert_eq!((sample.rows, sample.cols), (window.rows.len(), window.cols.len()));
+            assert_eq!(sample.factors.len(), sample.rows * sample.cols);
+            assert!(sample.trees.len() > 10 && sample.plants_by_year.len() == 12);
+            let years: Vec<u16> = sample.years.iter().map(|(year, _)| *year).collect();
+            assert_eq!(years, [2, 12]);
+            let text = serde_json::to_string(&sample).unwrap();
+            assert_eq!(serde_json::from_str::<Sample>(&text).unwrap(), sample);
+        }
     }
 }

@@ -61,9 +61,9 @@ pub fn synthesis(biome: &Biome, seed: u64, reporter: &Reporter) -> Result<Vec<Fi
                 let sub_biomes = simulated.seeds_of(cell).sub_biomes;
                 let clusters = finder.clusters(sub_biomes);
                 let is_counted = sub_biomes != 0 && simulated.is_inside(cell);
-                is_counted.then(|| finder.nearest(&simulated.abiotics[cell], clusters) as u16)
+                is_counted.then(|| finder.nearest(&simulated.factors[cell], clusters) as u16)
             };
-            let cluster_of_cell = (0..simulated.abiotics.len()).map(cluster_of).collect();
+            let cluster_of_cell = (0..simulated.factors.len()).map(cluster_of).collect();
             Plot { window, simulated, cluster_of_cell }
         })
         .collect();

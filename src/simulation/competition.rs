@@ -12,7 +12,7 @@ use super::plot::{Disk, Plot};
 use super::traits::Traits;
 use crate::raster::MONTHS;
 
-/// Rows and columns of a tile in simulation cells. Chosen: its state fits a core's second cache.
+/// Rows and columns of a tile in simulation cells. chosen: its state fits a core's second cache.
 pub const TILE_CELLS: usize = 128;
 
 /// A plant as competition sees it.

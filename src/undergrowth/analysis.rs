@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::clustering::{self, Scale};
-use super::conditions::Abiotics;
+use super::conditions::Factors;
 use super::disk_distance::BINS;
 use super::disks::Disks;
 use super::measures::Measures;
@@ -19,14 +19,14 @@ use crate::math;
 use crate::simulation::seedbank::Seeds;
 use crate::species::Biome;
 
-/// Lower plants are seedlings that nobody would count; m. Chosen: what a forester's regeneration survey begins with.
+/// Lower plants are seedlings that nobody would count; m. chosen: what a forester's regeneration survey begins with.
 pub const LEAST_HEIGHT_M: f32 = 0.1;
 
-/// Most clusters of one combination of sub-biomes. Chosen: light in fours, moisture in sixes.
-const MOST_CLUSTERS: usize = 24;
-/// Least ground of a cluster, m². Chosen: some hundreds of plants at usual densities.
+/// Most clusters of one combination of sub-biomes. chosen: light in fours, moisture in sixes.
+const MOST_CLUSTERS: usize = 28;
+/// Least ground of a cluster, m². chosen: some hundreds of plants at usual densities.
 const CLUSTER_M2: f64 = 1200.0;
-/// Upper ends of classes of the chance of seeds, the last open. Chosen: a lone tree, a few, a wood, a dense wood.
+/// Upper ends of classes of the chance of seeds, the last open. chosen: a lone tree, a few, a wood, a dense wood.
 const CHANCE_ENDS: [f32; 5] = [0.01, 0.04, 0.1, 0.16, 0.22];
 /// Pairs below which a kind of neighbour is left out: chance alone.
 const LEAST_PAIRS: f64 = 20.0;
@@ -48,8 +48,8 @@ pub struct Sample {
     pub cell_m: f32,
     /// Width of the rim whose plants are seen as neighbours only.
     pub rim_m: f32,
-    /// Abiotic conditions of each cell.
-    pub abiotics: Vec<Abiotics>,
+    /// What undergrowth of each cell depends on.
+    pub factors: Vec<Factors>,
     /// Seeds of each cell: chance a year, and the sub-biomes.
     pub seeds: Vec<(f32, u32)>,
     /// Canopy trees over the plot and near it.
@@ -97,18 +97,18 @@ struct Counted {
 /// If there is no ground with seeds in any of them.
 pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
     // clusters of each combination of sub-biomes
-    let mut grounds: BTreeMap<u32, Vec<Abiotics>> = BTreeMap::new();
+    let mut grounds: BTreeMap<u32, Vec<Factors>> = BTreeMap::new();
     for sample in samples {
-        for cell in (0..sample.abiotics.len()).filter(|cell| sample.is_inside(*cell)) {
+        for cell in (0..sample.factors.len()).filter(|cell| sample.is_inside(*cell)) {
             let seeds = sample.seeds_of(cell);
             if seeds.sub_biomes != 0 {
-                grounds.entry(seeds.sub_biomes).or_default().push(sample.abiotics[cell]);
+                grounds.entry(seeds.sub_biomes).or_default().push(sample.factors[cell]);
             }
         }
     }
     let scale = Scale { unit: Scale::of(biome).unit.map(rounded) };
     let cell_m2 = samples.first().map_or(1.0, |sample| f64::from(sample.cell_m).powi(2));
-    let mut clusters: Vec<(u32, Abiotics)> = Vec::new();
+    let mut clusters: Vec<(u32, Factors)> = Vec::new();
     for (sub_biomes, ground) in &grounds {
         let area_m2 = ground.len() as f64 * cell_m2;
         let count = ((area_m2 / CLUSTER_M2) as usize).clamp(1, MOST_CLUSTERS);
@@ -118,18 +118,18 @@ pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
     assert!(!clusters.is_empty(), "no ground with seeds");
 
     // counts
-    let places: Vec<Abiotics> = clusters.iter().map(|(_, c)| scale.coordinates(c)).collect();
+    let places: Vec<Factors> = clusters.iter().map(|(_, c)| scale.coordinates(c)).collect();
     let species = biome.species.len();
     let mut pairs = PairSums::new(clusters.len(), species);
     let mut counted = vec![Counted::default(); clusters.len()];
     for sample in samples {
-        let cluster_of: Vec<Option<u16>> = (0..sample.abiotics.len())
+        let cluster_of: Vec<Option<u16>> = (0..sample.factors.len())
             .map(|cell| {
                 let bits = sample.seeds_of(cell).sub_biomes;
                 let of_bits = clusters.iter().enumerate().filter(|(_, (of, _))| *of == bits);
                 let centres = of_bits.map(|(index, _)| (index, &places[index]));
                 let is_counted = bits != 0 && sample.is_inside(cell);
-                is_counted.then(|| scale.nearest(&sample.abiotics[cell], centres) as u16)
+                is_counted.then(|| scale.nearest(&sample.factors[cell], centres) as u16)
             })
             .collect();
         for (_, plants) in &sample.years {
@@ -171,7 +171,7 @@ fn assemble(
     biome: &Biome,
     seed: u64,
     scale: Scale,
-    clusters: &[(u32, Abiotics)],
+    clusters: &[(u32, Factors)],
     pairs: &PairSums,
     counted: Vec<Counted>,
 ) -> Statistics {
@@ -272,8 +272,8 @@ fn density(classes: &[(f64, f64, u64)]) -> Density {
         };
         (points.iter().map(missed).sum::<f64>(), slope, half_chance)
     };
-    // from a lone tree's chance to more than any wood's: steps by the root of two
-    let halves = (0..24).map(|step| 0.003 * math::powf_f64(2.0, 0.5 * f64::from(step)));
+    // from a few trees' chance to more than any wood's: steps by the root of two
+    let halves = (0..20).map(|step| 0.03 * math::powf_f64(2.0, 0.5 * f64::from(step)));
     let best = halves.map(fit).min_by(|a, b| a.0.total_cmp(&b.0));
     let (_, slope, half_chance) = best.unwrap_or((0.0, 0.0, 1.0));
     Density {
@@ -367,8 +367,8 @@ mod tests {
             cols: 60,
             cell_m: 1.0,
             rim_m: 4.0,
-            abiotics: (0..3600)
-                .map(|cell| [if cell % 60 < 30 { 2.0 } else { 8.0 }, 80.0, 12.0, 0.1])
+            factors: (0..3600)
+                .map(|cell| [if cell % 60 < 30 { 2.0 } else { 8.0 }, 80.0, 12.0, 0.1, 0.08])
                 .collect(),
             seeds: vec![(0.08, 1); 3600],
             trees: Disks::default(),

@@ -5,24 +5,29 @@
 
 use rayon::prelude::*;
 
-use super::conditions::{Abiotics, DIMENSIONS};
+use super::conditions::{DIMENSIONS, Factors};
 use crate::math;
 use crate::rng::{self, Key, Process};
 use crate::species::{Biome, Niche};
 
-/// Rounds of Lloyd's algorithm at most. Chosen: centres move by less than a thousandth of the range after twenty.
+/// Rounds of Lloyd's algorithm at most. chosen: centres move by less than a thousandth of the range after twenty.
 const ROUNDS: usize = 40;
 
 /// Soil water that plants of dry ground live on, mm: below it differences count as they are, above it as shares.
 const DRY_MM: f32 = 20.0;
-/// Difference of moisture that counts as one, as a logarithm. Chosen: half as much again, or a third less; densities double over it.
+/// Difference of moisture that counts as one, as a logarithm. chosen: half as much again, or a third less; densities double over it.
 const MOISTURE_UNIT: f32 = 0.5;
+/// Chance a year that a seed sprouts in a cell, below which differences count as they are.
+const FEW_SEEDS: f32 = 1e-3;
+/// Difference of that chance that counts as one, as a logarithm. chosen: seven times as many; density follows seeds by a law of
+/// its own, only the mixture of species is told apart by it.
+const SEEDS_UNIT: f32 = 2.0;
 
 /// Units of distance between conditions.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scale {
-    /// How much of each condition counts as one; of moisture, of ln(1 + mm / 20).
-    pub unit: Abiotics,
+    /// How much of each factor counts as one; of moisture, of ln(1 + mm / 20), of seeds, of ln(chance + 0.001).
+    pub unit: Factors,
 }
 
 impl Scale {
@@ -41,27 +46,29 @@ impl Scale {
             MOISTURE_UNIT,
             mean(&|niche| niche.temperature_c.half_width),
             mean(&|niche| niche.slope_rad.half_width),
+            SEEDS_UNIT,
         ];
         Self { unit }
     }
 
     /// Square of the distance.
     #[inline]
-    pub fn square_distance(&self, a: &Abiotics, b: &Abiotics) -> f32 {
+    pub fn square_distance(&self, a: &Factors, b: &Factors) -> f32 {
         self.square_distance_of(self.coordinates(a), self.coordinates(b))
     }
 
     /// Conditions as coordinates of a space whose distances count.
     #[inline]
-    pub fn coordinates(&self, at: &Abiotics) -> Abiotics {
-        let [sun_h, moisture_mm, temperature_c, slope_rad] = *at;
+    pub fn coordinates(&self, at: &Factors) -> Factors {
+        let [sun_h, moisture_mm, temperature_c, slope_rad, seed_chance] = *at;
         let moisture = math::ln(1.0 + moisture_mm / DRY_MM);
-        let values = [sun_h, moisture, temperature_c, slope_rad];
+        let seeds = math::ln(seed_chance + FEW_SEEDS);
+        let values = [sun_h, moisture, temperature_c, slope_rad, seeds];
         std::array::from_fn(|axis| values[axis] / self.unit[axis])
     }
 
     #[inline]
-    fn square_distance_of(&self, a: Abiotics, b: Abiotics) -> f32 {
+    fn square_distance_of(&self, a: Factors, b: Factors) -> f32 {
         let mut sum = 0.0;
         for axis in 0..DIMENSIONS {
             let apart = a[axis] - b[axis];
@@ -77,8 +84,8 @@ impl Scale {
     #[inline]
     pub fn nearest<'a>(
         &self,
-        at: &Abiotics,
-        centres: impl Iterator<Item = (usize, &'a Abiotics)>,
+        at: &Factors,
+        centres: impl Iterator<Item = (usize, &'a Factors)>,
     ) -> usize {
         let mut best = (f32::INFINITY, None);
         let at = self.coordinates(at);
@@ -93,10 +100,10 @@ impl Scale {
 }
 
 /// `count` centres of samples, or fewer where there are fewer different samples.
-pub fn centres(samples: &[Abiotics], scale: &Scale, count: usize, seed: u64) -> Vec<Abiotics> {
+pub fn centres(samples: &[Factors], scale: &Scale, count: usize, seed: u64) -> Vec<Factors> {
     let mut centres = first_centres(samples, scale, count, seed);
     for _ in 0..ROUNDS {
-        let places: Vec<Abiotics> = centres.iter().map(|c| scale.coordinates(c)).collect();
+        let places: Vec<Factors> = centres.iter().map(|c| scale.coordinates(c)).collect();
         let nearest: Vec<usize> = samples
             .par_iter()
             .map(|sample| scale.nearest(sample, places.iter().enumerate()))
@@ -107,7 +114,7 @@ pub fn centres(samples: &[Abiotics], scale: &Scale, count: usize, seed: u64) -> 
             sum.iter_mut().zip(sample).for_each(|(sum, value)| *sum += f64::from(*value));
             *count += 1;
         }
-        let moved: Vec<Abiotics> =
+        let moved: Vec<Factors> =
             (sums.iter().zip(&centres))
                 .map(|((sum, count), centre)| {
                     if *count == 0 { *centre } else { sum.map(|sum| (sum / *count as f64) as f32) }
@@ -125,7 +132,7 @@ pub fn centres(samples: &[Abiotics], scale: &Scale, count: usize, seed: u64) -> 
 }
 
 /// Samples far from each other: each next one is drawn by the square of its distance to those before.
-fn first_centres(samples: &[Abiotics], scale: &Scale, count: usize, seed: u64) -> Vec<Abiotics> {
+fn first_centres(samples: &[Factors], scale: &Scale, count: usize, seed: u64) -> Vec<Factors> {
     let draw = |entity: u64| {
         let key = Key { seed, process: Process::Clustering, year: 0, month: 0, entity };
         f64::from(rng::uniforms(key)[0])
@@ -158,8 +165,12 @@ mod tests {
     use super::*;
 
     /// Samples around three places.
-    fn three_places() -> Vec<Abiotics> {
-        let places = [[2.0, 20.0, 10.0, 0.0], [8.0, 20.0, 10.0, 0.3], [8.0, 150.0, 14.0, 0.1]];
+    fn three_places() -> Vec<Factors> {
+        let places = [
+            [2.0, 20.0, 10.0, 0.0, 0.1],
+            [8.0, 20.0, 10.0, 0.3, 0.1],
+            [8.0, 150.0, 14.0, 0.1, 0.1],
+        ];
         (0..900)
             .map(|index| {
                 let key = Key {
@@ -170,8 +181,8 @@ mod tests {
                     entity: index,
                 };
                 let apart = rng::uniforms(key);
-                let place: Abiotics = places[index as usize % 3];
-                std::array::from_fn(|axis| place[axis] * (0.95 + 0.1 * apart[axis]))
+                let place: Factors = places[index as usize % 3];
+                std::array::from_fn(|axis| place[axis] * (0.95 + 0.1 * apart[axis % 4]))
             })
             .collect()
     }
@@ -179,7 +190,7 @@ mod tests {
     #[test]
     fn centres_are_the_means_of_what_is_alike() {
         let samples = three_places();
-        let scale = Scale { unit: [4.0, 0.5, 15.0, 1.0] };
+        let scale = Scale { unit: [4.0, 0.5, 15.0, 1.0, 2.0] };
         let mut found = centres(&samples, &scale, 3, 1);
         found.sort_by(|a, b| (a[0] + a[1]).total_cmp(&(b[0] + b[1])));
         for (centre, first) in found.iter().zip(0..3) {
@@ -193,8 +204,8 @@ mod tests {
 
     #[test]
     fn equal_samples_are_one_cluster() {
-        let samples = vec![[1.0, 2.0, 3.0, 0.0]; 50];
-        let scale = Scale { unit: [4.0, 0.5, 15.0, 1.0] };
+        let samples = vec![[1.0, 2.0, 3.0, 0.0, 0.1]; 50];
+        let scale = Scale { unit: [4.0, 0.5, 15.0, 1.0, 2.0] };
         assert_eq!(centres(&samples, &scale, 4, 1), [samples[0]]);
         assert_eq!(centres(&[], &scale, 4, 1), [[0.0; DIMENSIONS]; 0]);
     }

@@ -8,20 +8,22 @@ use crate::simulation::seedbank::{self, Seeds};
 use crate::simulation::{Parameters, disk_span};
 use crate::species::Biome;
 
-/// Light under crowns is worked out on cells no wider than this, m. Chosen: a third of a sapling's crown.
+/// Light under crowns is worked out on cells no wider than this, m. chosen: a third of a sapling's crown.
 const LIGHT_CELL_M: f32 = 1.0;
-/// Seeds lie on cells at least this wide, m. Chosen: their chance falls to 0 over some dozens of metres.
+/// Seeds lie on cells at least this wide, m. chosen: their chance falls to 0 over some dozens of metres.
 const SEED_CELL_M: f32 = 4.0;
 
-/// Number of abiotic conditions that clusters are told apart by.
-pub const DIMENSIONS: usize = 4;
+/// Number of factors that clusters are told apart by.
+pub const DIMENSIONS: usize = 5;
 
-/// Yearly means under the canopy: light h a day, moisture mm, temperature °C, slope rad.
+/// What undergrowth depends on, as yearly means under the canopy: light h a day, moisture mm, temperature °C, slope rad; and the
+/// chance a year that a seed sprouts in a simulation cell.
 ///
 /// # Departures
-/// Kapp et al. 2020, section 6.2, cluster by the light above the canopy. A clearing and the wood around it then share one
-/// cluster and one density, and gaps cannot be told from shade; so the light here is what the crowns let through.
-pub type Abiotics = [f32; DIMENSIONS];
+/// Kapp et al. 2020, section 6.2, cluster by the light above the canopy and by nothing but abiotic conditions. A clearing and the
+/// wood around it then share one cluster and one density, and gaps cannot be told from shade; so the light here is what the
+/// crowns let through. And where seeds are many herbs outnumber shrubs, so their chance counts too.
+pub type Factors = [f32; DIMENSIONS];
 
 /// Most moisture that tells places apart, mm: above it everything is a swamp (PAPER_NOTES §8).
 pub const MOST_MOISTURE_MM: f32 = 250.0;
@@ -45,14 +47,15 @@ impl<'a> Conditions<'a> {
         }
     }
 
-    /// Abiotic conditions of a cell.
+    /// What undergrowth of a cell depends on; `seeds` are those of [`Conditions::seeds`].
     #[inline]
-    pub fn abiotics(&self, cell: usize) -> Abiotics {
+    pub fn factors(&self, cell: usize, seeds: Seeds) -> Factors {
         [
             self.site.sun_h.values()[cell] * self.light_fraction[cell],
             self.site.moisture_mm.values()[cell].min(MOST_MOISTURE_MM),
             self.site.temperature_c.values()[cell],
             self.site.slope_rad.values()[cell],
+            seeds.chance_per_year,
         ]
     }
 
@@ -253,7 +256,7 @@ mod tests {
                 .sum();
             let expected_m2 = f64::from(1.0 - keep) * 9.0 * std::f64::consts::PI;
             assert!((taken_m2 / expected_m2 - 1.0).abs() < 0.15, "{taken_m2} {expected_m2}");
-            let [sun_h, moisture_mm, ..] = conditions.abiotics(0);
+            let [sun_h, moisture_mm, ..] = conditions.factors(0, conditions.seeds(0));
             assert_eq!((sun_h, moisture_mm), (8.0, MOST_MOISTURE_MM));
         }
     }

@@ -5,13 +5,13 @@ use rayon::prelude::*;
 use super::disk_distance::{self, BINS, REACH_M};
 use super::disks::{Buckets, Disks};
 
-/// Width of the buckets that undergrowth is sought in, m. Chosen: half of what a small plant asks for.
+/// Width of the buckets that undergrowth is sought in, m. chosen: half of what a small plant asks for.
 pub(super) const BUCKET_M: f32 = 2.0;
-/// The same of canopy trees. Chosen: a crown.
+/// The same of canopy trees. chosen: a crown.
 pub(super) const TREE_BUCKET_M: f32 = 6.0;
 /// Undergrowth with a wider crown is sought apart from the rest, m: else all would be sought as far as the widest reach.
 pub(super) const WIDE_M: f32 = 0.6;
-/// Plants that are measured together. Chosen: enough to be worth a thread.
+/// Plants that are measured together. chosen: enough to be worth a thread.
 const CHUNK: usize = 4096;
 
 /// Counts by cluster and species, and of pairs by their category.

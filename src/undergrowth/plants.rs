@@ -39,8 +39,11 @@ pub fn plants(
         dbh_m: measure(&|plant| species(plant).dbh_m(disks.height_m[plant])),
         age_years: measure(&|plant| species(plant).age_at_height_years(disks.height_m[plant], 1.0)),
         vigor: measure(&|plant| {
-            let [sun_h, _, temperature_c, slope_rad] = conditions.abiotics(cell[plant] as usize);
-            let moisture_mm = conditions.site().moisture_mm.values()[cell[plant] as usize];
+            let (cell, site) = (cell[plant] as usize, conditions.site());
+            let sun_h = site.sun_h.values()[cell] * conditions.light_fraction(cell);
+            let [moisture_mm, temperature_c, slope_rad] =
+                [&site.moisture_mm, &site.temperature_c, &site.slope_rad]
+                    .map(|map| map.values()[cell]);
             species(plant).niche.vigor(sun_h, moisture_mm, temperature_c, slope_rad)
         }),
         id,

@@ -23,7 +23,7 @@ use super::statistics::{ClusterFinder, Statistics};
 use crate::progress::{Cancelled, Reporter};
 use crate::rng::{self, Key, Process};
 
-/// Farthest that a plant moves in a sweep, m. Chosen: across the categories of gap, and little against a block.
+/// Farthest that a plant moves in a sweep, m. chosen: across the categories of gap, and little against a block.
 const MOVE_M: f32 = 1.5;
 /// Sweeps at most. chosen: each of the last ones takes 2 % off the difference.
 const MOST_SWEEPS: u16 = 20;
@@ -219,12 +219,13 @@ impl Ground {
         let frame = conditions.site().slope_rad.frame();
         let finder = ClusterFinder::new(statistics);
         let of_cell = |cell: usize| {
-            let sub_biomes = conditions.seeds(cell).sub_biomes;
+            let seeds = conditions.seeds(cell);
+            let sub_biomes = seeds.sub_biomes;
             if sub_biomes == 0 || !allowed.is_valid(cell) {
                 return (NO_CLUSTER, 0);
             }
             let clusters = finder.clusters(sub_biomes);
-            (finder.nearest(&conditions.abiotics(cell), clusters) as u16, sub_biomes)
+            (finder.nearest(&conditions.factors(cell, seeds), clusters) as u16, sub_biomes)
         };
         let (cluster, sub_biomes) = (0..frame.len()).into_par_iter().map(of_cell).unzip();
         let (rows, cols, cell_m) = (frame.rows, frame.cols, frame.cell_m());

@@ -20,11 +20,11 @@ use crate::plants::{Layer, Plants};
 use crate::progress::{Cancelled, Reporter};
 use crate::rng::{self, Key, Process};
 
-/// Width of the blocks that are filled at once, m. Chosen: some thousands of plants; much more than plants keep apart.
+/// Width of the blocks that are filled at once, m. chosen: some thousands of plants; much more than plants keep apart.
 pub const BLOCK_M: f32 = 32.0;
 /// Places that are tried for a plant. chosen: the fourth is hardly needed.
 const TRIES: u8 = 4;
-/// Share of its crown's radius that a plant keeps free of others' same share. Chosen: of 0–0.4 the one that leaves pair
+/// Share of its crown's radius that a plant keeps free of others' same share. chosen: of 0–0.4 the one that leaves pair
 /// distances of simulated plots nearest to theirs.
 const CORE_FRACTION: f32 = 0.15;
 /// Side of the squares in which neighbours are sought, m. chosen: two cores, but of shrubs wider than 3 m.
@@ -264,8 +264,8 @@ impl<'a> Sampler<'a> {
                 if known.0 != seeds.sub_biomes {
                     known = (seeds.sub_biomes, self.finder.clusters(seeds.sub_biomes));
                 }
-                let abiotics = conditions.abiotics(cell);
-                let index = self.finder.nearest(&abiotics, known.1);
+                let factors = conditions.factors(cell, seeds);
+                let index = self.finder.nearest(&factors, known.1);
                 let cluster = &statistics.clusters[index];
                 let expected = cluster.plants_per_m2(seeds.chance_per_year) * cell_m * cell_m;
                 let entity = self.entity(row, col);
@@ -505,8 +505,8 @@ pub(super) mod tests {
             let finder = ClusterFinder::new(&statistics);
             let of_cell = |cell: usize| {
                 let seeds = synthesis.conditions.seeds(cell);
-                let abiotics = synthesis.conditions.abiotics(cell);
-                let index = finder.nearest(&abiotics, finder.clusters(seeds.sub_biomes));
+                let factors = synthesis.conditions.factors(cell, seeds);
+                let index = finder.nearest(&factors, finder.clusters(seeds.sub_biomes));
                 statistics.clusters[index].plants_per_m2(seeds.chance_per_year)
             };
             (0..120 * 120).filter(|cell| synthesis.allowed.is_valid(*cell)).map(of_cell).sum()

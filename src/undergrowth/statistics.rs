@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::clustering::Scale;
-use super::conditions::Abiotics;
+use super::conditions::Factors;
 use super::disk_distance::BINS;
 use crate::species::Biome;
 
@@ -63,8 +63,8 @@ pub struct Source {
 pub struct Cluster {
     /// One bit a sub-biome that sheds seeds here.
     pub sub_biomes: u32,
-    /// Middle of its abiotic conditions.
-    pub centre: Abiotics,
+    /// Middle of its factors.
+    pub centre: Factors,
     /// Ground that was counted.
     pub area_m2: f32,
     /// Plants that were counted.
@@ -257,7 +257,7 @@ pub struct ClusterFinder<'a> {
     /// Clusters of each combination of sub-biomes that was simulated.
     by_sub_biomes: BTreeMap<u32, Vec<usize>>,
     /// Coordinates of each cluster's centre.
-    centres: Vec<Abiotics>,
+    centres: Vec<Factors>,
 }
 
 impl<'a> ClusterFinder<'a> {
@@ -283,7 +283,7 @@ impl<'a> ClusterFinder<'a> {
 
     /// The nearest of some clusters.
     #[inline]
-    pub fn nearest(&self, at: &Abiotics, clusters: &[usize]) -> usize {
+    pub fn nearest(&self, at: &Factors, clusters: &[usize]) -> usize {
         let centres = clusters.iter().map(|index| (*index, &self.centres[*index]));
         self.statistics.scale.nearest(at, centres)
     }
@@ -340,7 +340,7 @@ pub(super) mod tests {
         };
         let cluster = |sub_biomes: u32, sun_h: f32, shares: Vec<SpeciesShare>| Cluster {
             sub_biomes,
-            centre: [sun_h, 80.0, 12.0, 0.1],
+            centre: [sun_h, 80.0, 12.0, 0.1, 0.05],
             area_m2: 1000.0,
             plants: 900,
             density: Density { plants_per_m2_and_chance: 40.0, half_chance: 0.05 },
@@ -365,7 +365,7 @@ pub(super) mod tests {
                 area_m2: 3000.0,
                 plants: 2700,
             },
-            scale: Scale { unit: [4.0, 0.5, 15.0, 1.0] },
+            scale: Scale { unit: [4.0, 0.5, 15.0, 1.0, 2.0] },
             clusters: vec![
                 cluster(1, 3.0, ferns),
                 cluster(1, 8.0, shrubs.clone()),
@@ -406,7 +406,7 @@ pub(super) mod tests {
         let statistics = example(&biome);
         let finder = ClusterFinder::new(&statistics);
         let of = |sun_h: f32, bits: u32| {
-            finder.nearest(&[sun_h, 70.0, 11.0, 0.2], finder.clusters(bits))
+            finder.nearest(&[sun_h, 70.0, 11.0, 0.2, 0.05], finder.clusters(bits))
         };
         assert_eq!([of(2.0, 1), of(9.0, 1), of(2.0, 3)], [0, 1, 2]);
         // four and two were never simulated; three of two bits is the nearest that shares one with each

@@ -32,7 +32,8 @@ def crown_cells(trees, transform, shape, per_cell):
 def test_trees_fit_the_canopy(name, tmp_path):
     terrain = real(f"canopy_pairs/{name}_dtm.tif")
     folder = run_grow(terrain, real(f"canopy_pairs/{name}_chm.tif"), tmp_path / "forest", "--gpu", "off")
-    trees = geopandas.read_parquet(folder / "plants.parquet")
+    plants = geopandas.read_parquet(folder / "plants.parquet")
+    trees = plants[plants["layer"] == "canopy"]
     figures = tomllib.loads((folder / "scene.toml").read_text())["stages"]["canopy"]["figures"]
     assert len(trees) == figures["trees"] > 0
     with rasterio.open(terrain) as source:
@@ -79,7 +80,8 @@ def test_trees_fit_the_canopy(name, tmp_path):
 def test_as_many_trees_as_tops(name, tmp_path):
     chm_file = real(f"canopy_pairs/{name}_chm.tif")
     folder = run_grow(real(f"canopy_pairs/{name}_dtm.tif"), chm_file, tmp_path / "forest", "--gpu", "off")
-    trees = geopandas.read_parquet(folder / "plants.parquet")
+    plants = geopandas.read_parquet(folder / "plants.parquet")
+    trees = plants[plants["layer"] == "canopy"]
     smooth = ndimage.gaussian_filter(read(chm_file).filled(0.0), 0.5)
     tops = peak_local_max(smooth, min_distance=1, threshold_abs=3.0, exclude_border=False)
     assert 0.75 <= len(trees) / len(tops) <= 1.25

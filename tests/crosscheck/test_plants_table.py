@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import tomllib
 
 import geopandas
 import numpy as np
@@ -10,6 +11,7 @@ import pyarrow.parquet
 import pyproj
 import pytest
 import rasterio
+from scipy import spatial
 
 from conftest import TARGET, canopy_pair, run_grow, scene_head, write_tiff
 
@@ -143,11 +145,24 @@ def test_a_grown_scene_has_its_plants(pair, tmp_path):
     bounds = plants.total_bounds
     assert west <= bounds[0] and south <= bounds[1]
     assert bounds[2] <= west + head["extent_m"][0] and bounds[3] <= south + head["extent_m"][1]
-    assert set(plants["layer"]) == {"canopy"}
+    assert set(plants["layer"]) == {"canopy", "undergrowth"}
     # a tree stands where the canopy is about as high as it
+    trees, beneath = (plants[plants["layer"] == layer] for layer in ("canopy", "undergrowth"))
     with rasterio.open(pair[1]) as raster:
-        above = np.array([v[0] for v in raster.sample(zip(plants.geometry.x, plants.geometry.y))])
-    assert np.median(np.abs(above - plants["height_m"])) < 2.0
+        above = np.array([v[0] for v in raster.sample(zip(trees.geometry.x, trees.geometry.y))])
+    assert np.median(np.abs(above - trees["height_m"])) < 2.0
+    # undergrowth from 10 cm up, outside trunks, where its maps say
+    assert beneath["height_m"].min() >= 0.1 - 1e-3 and beneath["height_m"].median() < 1.5
+    stages = tomllib.loads((folder / "scene.toml").read_text())["stages"]
+    assert stages["undergrowth"]["figures"]["plants"] == len(beneath)
+    nearest, at = spatial.cKDTree(np.column_stack([trees.geometry.x, trees.geometry.y])).query(
+        np.column_stack([beneath.geometry.x, beneath.geometry.y])
+    )
+    assert (nearest >= trees["dbh_m"].to_numpy()[at] / 2 - 1e-3).all()
+    for name, most in (("grass", 0.6), ("litterfall", 1.0)):
+        with rasterio.open(folder / f"{name}.tif") as raster:
+            values = raster.read(1, masked=True)
+        assert 0.0 <= values.min() < values.max() <= most, name
 
 
 def test_a_grown_scene_as_text(pair, tmp_path):
