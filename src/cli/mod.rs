@@ -55,9 +55,10 @@ enum Command {
     Demo(demo::DemoArguments),
     /// Turn terrain rasters or point clouds into a scene: terrain and abiotic maps.
     Import(import::ImportArguments),
-    /// Grow canopy trees on terrain: from a sketch by trained networks, a measured canopy height model or a point cloud.
+    /// Grow a forest on terrain: canopy trees from a sketch by trained networks, a measured canopy height model or a point cloud,
+    /// then undergrowth, grass and litter beneath them.
     Grow(Box<grow::GrowArguments>),
-    /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (an hour or so).
+    /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (some minutes).
     Statistics(statistics::StatisticsArguments),
     /// Measure simulation and synthesis of undergrowth beside what ecology and the papers say (some minutes).
     Validate,

@@ -44,10 +44,10 @@ const COUNTED_CELLS: usize = 96;
 const RIM_CELLS: usize = 4;
 /// Plots of a landscape. chosen: its wettest window under trees, and its driest.
 const PLOTS: usize = 2;
-/// Landscapes of a combination of sub-biomes, at least; together at least [`LEAST_LANDSCAPES`]. chosen: a dry year's and a wet
-/// one's, some minutes in all.
-const LANDSCAPES_PER_COMBINATION: usize = 2;
-const LEAST_LANDSCAPES: usize = 10;
+/// Landscapes of a combination of sub-biomes, at least; together at least [`LEAST_LANDSCAPES`]. chosen: from dry
+/// to wet, some minutes in all.
+const LANDSCAPES_PER_COMBINATION: usize = 4;
+const LEAST_LANDSCAPES: usize = 20;
 /// Windows that a plot is chosen from, along each side. chosen: they overlap by half.
 const CHOICES: usize = 5;
 /// Least light that trees take from a plot, as a share of it. chosen: meadows have no seeds.
@@ -475,8 +475,8 @@ mod tests {
     fn every_combination_of_sub_biomes_has_landscapes() {
         let of = |name: &str| landscapes(&Biome::builtin(name).unwrap());
         let sonoma = of("sonoma");
-        assert_eq!(sonoma.len(), 2 * 15);
-        assert!((1..16).all(|bits| sonoma.iter().filter(|l| l.sub_biomes == bits).count() == 2));
+        assert_eq!(sonoma.len(), 4 * 15);
+        assert!((1..16).all(|bits| sonoma.iter().filter(|l| l.sub_biomes == bits).count() == 4));
         assert_eq!(of("pyrenees").len(), LEAST_LANDSCAPES);
     }
 

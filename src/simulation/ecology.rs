@@ -186,8 +186,11 @@ fn slope(points: &[[f64; 2]]) -> f64 {
     if xx > 0.0 { xy.signum() * (yy / xx).sqrt() } else { f64::NAN }
 }
 
-/// Oak woodland with a glade, from bare ground: crown areas of poison oak and laurel, and all plants, year by year.
-fn oak_woodland(biome: &Biome) -> Vec<([f64; 2], f64)> {
+/// A year of oak woodland: crown areas of poison oak and laurel, m², and the number of all plants.
+type OakYear = ([f64; 2], f64);
+
+/// Oak woodland with a glade, from bare ground, year by year.
+fn oak_woodland(biome: &Biome) -> Vec<OakYear> {
     const SIDE_M: usize = 40;
     let parameters = Parameters::kapp2020();
     let trees =
@@ -215,8 +218,7 @@ fn succession_and_equilibrium(biome: &Biome) -> Vec<Finding> {
     let peak = by_year.iter().enumerate().max_by(|(_, a), (_, b)| a.0[0].total_cmp(&b.0[0]));
     let at_peak = peak.map_or(0, |(year, _)| year);
     let last = &by_year[150..];
-    let mean =
-        |of: &dyn Fn(&([f64; 2], f64)) -> f64| last.iter().map(of).sum::<f64>() / last.len() as f64;
+    let mean = |of: &dyn Fn(&OakYear) -> f64| last.iter().map(of).sum::<f64>() / last.len() as f64;
     let plants = mean(&|year| year.1);
     let strays = last.iter().map(|year| (year.1 / plants - 1.0).abs()).fold(0.0, f64::max);
     vec![

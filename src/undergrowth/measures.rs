@@ -67,9 +67,9 @@ impl Measures {
             .fold(
                 || Self::new(clusters, species),
                 |mut counted, chunk| {
-                    let last = ((chunk + 1) * CHUNK).min(undergrowth.len());
-                    for plant in chunk * CHUNK..last {
-                        let Some(cluster) = cluster_of[plant] else { continue };
+                    let plants = cluster_of.iter().enumerate().skip(chunk * CHUNK).take(CHUNK);
+                    for (plant, cluster) in plants {
+                        let Some(cluster) = *cluster else { continue };
                         counted.count(usize::from(cluster), plant, undergrowth, trees, &finder);
                     }
                     counted
@@ -183,8 +183,8 @@ mod tests {
             (0..700).map(|plant| (plant % 5 > 0).then_some(plant % 2)).collect();
         let counted = Measures::of(2, 3, &plants, &cluster_of, &trees);
         let mut expected = Measures::new(2, 3);
-        for a in 0..700 {
-            let Some(cluster) = cluster_of[a].map(usize::from) else { continue };
+        for (a, cluster) in cluster_of.iter().enumerate() {
+            let Some(cluster) = cluster.map(usize::from) else { continue };
             let own = usize::from(plants.species[a]);
             expected.plants[cluster * 3 + own] += 1;
             for (disks, is_tree) in [(&plants, false), (&trees, true)] {

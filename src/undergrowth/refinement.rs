@@ -445,7 +445,7 @@ impl<'a> Block<'a> {
             let process = Process::UndergrowthRefinement;
             let draws = rng::uniforms(Key { seed, process, year: sweep, month: 0, entity });
             // moves and exchanges in turn, half of the plants each
-            let is_move = (sweep as usize + plant) % 2 == 0;
+            let is_move = (usize::from(sweep) + plant).is_multiple_of(2);
             if is_move || !self.try_exchange(plant, draws) {
                 self.try_move(plant, draws);
             }

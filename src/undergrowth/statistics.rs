@@ -199,8 +199,7 @@ impl Statistics {
                 return Err("a cluster without a centre");
             }
             let Density { plants_per_m2_and_chance, half_chance } = cluster.density;
-            if !is_amount(plants_per_m2_and_chance)
-                || !(half_chance.is_finite() && half_chance > 0.0)
+            if !(is_amount(plants_per_m2_and_chance) && is_amount(half_chance) && half_chance > 0.0)
             {
                 return Err("a density that is none");
             }

@@ -115,7 +115,7 @@ impl Transect {
         transect.high_m = transect.high_m.min(highest_ground_m + cut_m);
         transect.tallest_m = transect.tallest_m.min(transect.high_m - transect.low_m);
         let px = (transect.high_m - transect.low_m) * plan_px_per_m;
-        (px <= TALLEST_PX as f32).then_some(transect) // some thousands
+        (px <= TALLEST_PX).then_some(transect)
     }
 
     fn at_scale(site: &Site<'_>, area: &Area, width: u32, px_per_m: f32) -> Self {
