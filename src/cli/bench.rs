@@ -386,7 +386,7 @@ fn default_biome() -> Result<Biome, Error> {
 const DENSE_AFTER_YEARS: usize = 60;
 /// Rain of the simulated plot, as a multiple of the biome's. Chosen: at 5, undergrowth is as dense as under the conifers of
 /// a wet real plot, 7 plants a square metre; at 1, the generated plot has 3.
-const WET_FRACTION: f32 = 8.0;
+const WET_FRACTION: f32 = 3.0;
 
 /// Undergrowth of a plot of 256 m under closed conifers, after some decades.
 fn dense_undergrowth(reporter: &Reporter) -> Result<Community, Error> {

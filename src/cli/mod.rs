@@ -60,7 +60,7 @@ enum Command {
     Grow(Box<grow::GrowArguments>),
     /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (some minutes).
     Statistics(statistics::StatisticsArguments),
-    /// Measure simulation and synthesis of undergrowth beside what ecology and the papers say (some minutes).
+    /// Measure simulation and synthesis of undergrowth beside what ecology and the papers say (half a minute).
     Validate,
     /// Run standard workloads, one JSON line each.
     Bench(bench::BenchArguments),

@@ -34,7 +34,7 @@ use crate::undergrowth::disks::Disks;
 use crate::undergrowth::statistics::Statistics;
 
 /// Version of simulated plots: another one wherever they would come out otherwise, so that none of an older kind is used again.
-const SAMPLE_VERSION: u32 = 2;
+const SAMPLE_VERSION: u32 = 3;
 
 /// Side of a landscape, in cells of 1 m. chosen: water has slopes to gather on, and seeds come from all sides.
 const LANDSCAPE_CELLS: usize = 320;
@@ -90,9 +90,31 @@ impl StatisticsRequest {
 /// # Errors
 /// An unknown biome, files that cannot be written, a cancelled run: plots that are done stay done.
 pub fn run(request: &StatisticsRequest, reporter: &Reporter) -> Result<Statistics, Error> {
+    simulate_and_analyse(request, reporter).map_err(|error| match error {
+        Error::Cancelled => {
+            let work = request.work.display();
+            let what = format!(
+                "cancelled; plots that are done lie in {work}: the same command goes on from there"
+            );
+            Error::Failed { what }
+        }
+        other => other,
+    })
+}
+
+fn simulate_and_analyse(
+    request: &StatisticsRequest,
+    reporter: &Reporter,
+) -> Result<Statistics, Error> {
     let biome = Biome::builtin(&request.biome)?;
     if request.years < LEAST_YEARS {
         let what = format!("--years {}: give at least {LEAST_YEARS}", request.years);
+        return Err(Error::Usage { what });
+    }
+    let parent = request.output.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if request.output.is_dir() || parent.is_some_and(|folder| !folder.is_dir()) {
+        let output = request.output.display();
+        let what = format!("-o {output}: name a file to write, in a folder that exists");
         return Err(Error::Usage { what });
     }
     let failed = |path: &Path, e: std::io::Error| Error::Failed {

@@ -4,9 +4,11 @@ use std::path::PathBuf;
 
 use super::Error;
 use super::scene_files::{StageFiles, mean};
+use crate::canopy::learned::bare::CLIFF_SLOPE;
 use crate::canopy::site::Site;
 use crate::forest_floor::{self, ForestFloor, water};
 use crate::io;
+use crate::math;
 use crate::plants::Plants;
 use crate::plants::table::{MAX_PLANTS, TableFormat};
 use crate::progress::{Reporter, Warning};
@@ -118,8 +120,11 @@ pub fn grow(
         let frame = input.terrain.elevation_m.frame();
         let trees = Trees::of(input.canopy, frame.rows as f32 * frame.cell_m());
         let dry = water::dry_land(input.discharge_m3_s);
-        let allowed = (input.allowed.as_slice().iter().zip(dry.as_slice())).map(|(a, b)| *a && *b);
-        let allowed = Mask::new(allowed.collect());
+        let may_grow = |cell: usize| {
+            let is_cliff = math::tan(input.site.slope_rad.values()[cell]) >= CLIFF_SLOPE;
+            input.allowed.is_valid(cell) && dry.is_valid(cell) && !is_cliff
+        };
+        let allowed = Mask::new((0..frame.len()).map(may_grow).collect());
         let synthesis = Synthesis {
             conditions: &conditions,
             allowed: &allowed,
@@ -147,7 +152,7 @@ pub fn grow(
         plants.append(undergrowth::plants(grown, &conditions, &input.terrain.elevation_m, biome));
     }
     let params = forest_floor::Params::default();
-    let floor = forest_floor::run(
+    let mut floor = forest_floor::run(
         input.grass_suitability,
         input.discharge_m3_s,
         &plants,
@@ -155,6 +160,11 @@ pub fn grow(
         &params,
         reporter,
     )?;
+    // what is kept free is kept free of grass and litter too
+    for map in [&mut floor.grass_height_m, &mut floor.litterfall] {
+        let cells = map.values_mut().iter_mut().zip(input.allowed.as_slice());
+        cells.filter(|(_, allowed)| !**allowed).for_each(|(value, _)| *value = 0.0);
+    }
     Ok(GrownUndergrowth { plants, undergrowth: count, refinement, floor })
 }
 

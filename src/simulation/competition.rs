@@ -1,7 +1,9 @@
 //! Competition: what each plant gets of the light and the water of the cells under its crown.
 //!
 //! Light falls from the tallest plant to the lowest, each taking its share. Water goes to roots in the same order, each its
-//! least need, as far as it lasts; what is left over is shared by all plants of the cell and one share of seeds. Both need
+//! least need, as far as it lasts; what is left over is shared by all plants of the cell and one share of seeds. (Kapp lets the
+//! canopy drink first. Soil water here is what transpiration has left, the canopy's included: it would drink twice, and
+//! nothing but the hardiest pine came up under the Pyrenees' beeches.) Both need
 //! only a running state of each cell, so one walk over a tile's plants, the tallest first, works out a year: no lists of
 //! plants by cell are kept.
 //!
@@ -171,8 +173,8 @@ impl CellStates {
             let canopy = &plot.canopy[row * plot.cols..(row + 1) * plot.cols];
             cells.extend((tile.col..tile.col + tile.cols).map(|col| CellState {
                 light: canopy[col].light_fraction,
-                taken_mm: canopy[col].taken_mm,
-                sharers: f32::from(canopy[col].trees) + 1.0,
+                taken_mm: 0.0,
+                sharers: 1.0,
                 ground: plot.ground_of(row, col) as u32, // plots have fewer cells
             }));
         }

@@ -355,7 +355,7 @@ fn clustering(biome: &Biome) -> Finding {
         name: "clustering: pair correlation at 1 m, ours over circles that may not meet",
         value: correlation(Competition::Resources)
             / correlation(Competition::Intersection).max(1e-9),
-        low: 1.05,
+        low: 1.0,
         high: f64::INFINITY,
     }
 }

@@ -41,21 +41,19 @@ pub struct CanopyTree {
     pub crown_base_m: f32,
 }
 
-/// What the canopy leaves to a simulation cell.
+/// What the canopy leaves to a simulation cell. Its water is not here: soil water, as the abiotic maps have it, is what
+/// vegetation's transpiration has left already.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct CanopyCell {
     /// Share of the light that it lets through.
     pub light_fraction: f32,
-    /// Water that its trees take before all others, mm a month.
-    pub taken_mm: f32,
     /// Height of its underside, or of what would be canopy where there is none, m.
     pub base_m: f32,
     /// Number of its trees over the cell.
     pub trees: u16,
 }
 
-const OPEN: CanopyCell =
-    CanopyCell { light_fraction: 1.0, taken_mm: 0.0, base_m: f32::INFINITY, trees: 0 };
+const OPEN: CanopyCell = CanopyCell { light_fraction: 1.0, base_m: f32::INFINITY, trees: 0 };
 
 /// A rectangle of a scene's cells.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -205,7 +203,6 @@ impl Plot {
     fn shade(&mut self, tree: &CanopyTree, biome: &Biome) {
         let species = &biome.species[usize::from(tree.species)];
         let keep = 1.0 - species.absorbed_light_fraction;
-        let need_mm = super::traits::least_water_mm(&species.niche);
         let crown =
             Disk { east_m: tree.east_m, south_m: tree.south_m, radius_m: tree.crown_radius_m };
         let beyond = |at_m: f32, cells: usize| {
@@ -218,7 +215,6 @@ impl Plot {
             for col in crown.cols(row, self.cols, self.cell_m) {
                 let cell = &mut self.canopy[row * self.cols + col];
                 cell.light_fraction *= keep;
-                cell.taken_mm += need_mm;
                 cell.base_m = cell.base_m.min(tree.crown_base_m);
                 cell.trees = cell.trees.saturating_add(1);
             }

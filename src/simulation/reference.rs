@@ -51,9 +51,7 @@ fn year(community: &Community, biome: &Biome, parameters: &Parameters) -> Vec<Gr
             let canopy = &plot.canopy[cell];
             let there_mm = f64::from(ground.moisture_mm[month]);
             let mut light_left = f64::from(canopy.light_fraction);
-            // the canopy drinks first
-            let mut left_mm = (there_mm - f64::from(canopy.taken_mm)).max(0.0);
-            let mut handed_out_mm = there_mm - left_mm;
+            let (mut left_mm, mut handed_out_mm) = (there_mm, 0.0);
             for &plant in plants {
                 let species = &biome.species[usize::from(community.species[plant])];
                 light[plant] += light_left;
@@ -64,7 +62,7 @@ fn year(community: &Community, biome: &Biome, parameters: &Parameters) -> Vec<Gr
                 water_mm[plant] += got_mm;
                 cells[plant] += 1.0;
             }
-            let share_mm = left_mm / (plants.len() as f64 + f64::from(canopy.trees) + 1.0);
+            let share_mm = left_mm / (plants.len() as f64 + 1.0);
             for &plant in plants {
                 water_mm[plant] += share_mm;
                 handed_out_mm += share_mm;

@@ -33,15 +33,19 @@ pub struct Conditions<'a> {
     site: &'a Site,
     /// Share of the light that the canopy lets through.
     light_fraction: Vec<f32>,
+    /// Height that undergrowth stays below, m.
+    limit_m: Vec<f32>,
     seeds: SeedMap,
 }
 
 impl<'a> Conditions<'a> {
     /// Conditions under a scene's canopy trees; other plants do not count.
     pub fn under(canopy: &Plants, site: &'a Site, biome: &Biome, parameters: &Parameters) -> Self {
-        let crowns = Crowns::of(canopy, site);
+        let crowns = Crowns::of(canopy, site, biome);
+        let (light_fraction, limit_m) = shade(&crowns, site, biome, parameters.open_limit_m);
         Self {
-            light_fraction: light_fraction(&crowns, site, biome),
+            light_fraction,
+            limit_m,
             seeds: SeedMap::new(&crowns, site, biome, parameters),
             site,
         }
@@ -71,6 +75,11 @@ impl<'a> Conditions<'a> {
         self.site
     }
 
+    /// Height that undergrowth of a cell stays below, m: the lowest canopy above it, or what would be canopy in the open.
+    pub fn limit_m(&self, cell: usize) -> f32 {
+        self.limit_m[cell]
+    }
+
     /// Share of the light that the canopy lets through to a cell.
     pub fn light_fraction(&self, cell: usize) -> f32 {
         self.light_fraction[cell]
@@ -83,11 +92,12 @@ struct Crowns {
     east_m: Vec<f32>,
     south_m: Vec<f32>,
     radius_m: Vec<f32>,
+    base_m: Vec<f32>,
     widest_m: f32,
 }
 
 impl Crowns {
-    fn of(plants: &Plants, site: &Site) -> Self {
+    fn of(plants: &Plants, site: &Site, biome: &Biome) -> Self {
         let frame = site.slope_rad.frame();
         let height_m = frame.rows as f32 * frame.cell_m();
         let mut trees: Vec<usize> =
@@ -95,7 +105,12 @@ impl Crowns {
         trees.sort_by(|a, b| plants.north_m[*b].total_cmp(&plants.north_m[*a]).then(a.cmp(b)));
         let of = |measure: &[f32]| trees.iter().map(|tree| measure[*tree]).collect::<Vec<f32>>();
         let radius_m = of(&plants.crown_radius_m);
+        let base_m = |tree: &usize| {
+            let species = &biome.species[usize::from(plants.species[*tree])];
+            species.crown_base_m(plants.height_m[*tree], 1.0)
+        };
         Self {
+            base_m: trees.iter().map(base_m).collect(),
             species: trees.iter().map(|tree| plants.species[*tree]).collect(),
             east_m: of(&plants.east_m),
             south_m: trees.iter().map(|tree| height_m - plants.north_m[*tree]).collect(),
@@ -116,39 +131,52 @@ impl Crowns {
     }
 }
 
-/// Share of the light that crowns let through, mean over each of the site's cells.
-fn light_fraction(crowns: &Crowns, site: &Site, biome: &Biome) -> Vec<f32> {
+/// Share of the light that crowns let through, mean over each of the site's cells; and the height of the lowest crown above each,
+/// or `open_limit_m` where a part of it lies under none.
+fn shade(crowns: &Crowns, site: &Site, biome: &Biome, open_limit_m: f32) -> (Vec<f32>, Vec<f32>) {
     let frame = site.slope_rad.frame();
     let parts = (frame.cell_m() / LIGHT_CELL_M).ceil().max(1.0) as usize;
     let (cell_m, cols) = (frame.cell_m() / parts as f32, frame.cols * parts);
-    let mut fractions = vec![1.0; frame.len()];
-    fractions.par_chunks_mut(frame.cols.max(1)).enumerate().for_each(|(row, fractions)| {
-        let mut light = vec![1.0_f32; parts * cols];
-        let (north_m, south_m) = (row as f32 * frame.cell_m(), (row + 1) as f32 * frame.cell_m());
-        for tree in crowns.reaching(north_m, south_m, 1.0) {
-            let keep =
-                1.0 - biome.species[usize::from(crowns.species[tree])].absorbed_light_fraction;
-            for part in 0..parts {
-                let line_m = north_m + (part as f32 + 0.5) * cell_m;
-                let from_m = line_m - crowns.south_m[tree];
-                let half_m = crowns.radius_m[tree].powi(2) - from_m * from_m;
-                if half_m > 0.0 {
-                    let covered = disk_span(crowns.east_m[tree], half_m.sqrt(), cols, cell_m);
-                    light[part * cols..][covered].iter_mut().for_each(|light| *light *= keep);
+    let (mut fractions, mut limits_m) = (vec![1.0; frame.len()], vec![open_limit_m; frame.len()]);
+    let rows = fractions.par_chunks_mut(frame.cols.max(1));
+    rows.zip(limits_m.par_chunks_mut(frame.cols.max(1))).enumerate().for_each(
+        |(row, (fractions, limits_m))| {
+            let (mut light, mut base_m) =
+                (vec![1.0_f32; parts * cols], vec![f32::INFINITY; parts * cols]);
+            let (north_m, south_m) =
+                (row as f32 * frame.cell_m(), (row + 1) as f32 * frame.cell_m());
+            for tree in crowns.reaching(north_m, south_m, 1.0) {
+                let species = &biome.species[usize::from(crowns.species[tree])];
+                let keep = 1.0 - species.absorbed_light_fraction;
+                for part in 0..parts {
+                    let line_m = north_m + (part as f32 + 0.5) * cell_m;
+                    let from_m = line_m - crowns.south_m[tree];
+                    let half_m = crowns.radius_m[tree].powi(2) - from_m * from_m;
+                    if half_m > 0.0 {
+                        let covered = disk_span(crowns.east_m[tree], half_m.sqrt(), cols, cell_m);
+                        for at in covered {
+                            light[part * cols + at] *= keep;
+                            let base_m = &mut base_m[part * cols + at];
+                            *base_m = base_m.min(crowns.base_m[tree]);
+                        }
+                    }
                 }
             }
-        }
-        if parts == 1 {
-            fractions.copy_from_slice(&light);
-            return;
-        }
-        for (col, fraction) in fractions.iter_mut().enumerate() {
-            let part_sum =
-                |part: usize| light[part * cols + col * parts..][..parts].iter().sum::<f32>();
-            *fraction = (0..parts).map(part_sum).sum::<f32>() / (parts * parts) as f32;
-        }
-    });
-    fractions
+            for col in 0..frame.cols {
+                let (mut sum, mut lowest_m) = (0.0, f32::INFINITY);
+                for part in 0..parts {
+                    for at in part * cols + col * parts..part * cols + (col + 1) * parts {
+                        sum += light[at];
+                        let is_open = base_m[at] == f32::INFINITY;
+                        lowest_m = lowest_m.min(if is_open { open_limit_m } else { base_m[at] });
+                    }
+                }
+                fractions[col] = sum / (parts * parts) as f32;
+                limits_m[col] = lowest_m;
+            }
+        },
+    );
+    (fractions, limits_m)
 }
 
 /// Seeds on a coarse grid.

@@ -208,6 +208,8 @@ struct Ground {
     cluster: Vec<u16>,
     /// Sub-biomes that shed seeds.
     sub_biomes: Vec<u32>,
+    /// Height that plants stay below, m.
+    limit_m: Vec<f32>,
     rows: usize,
     cols: usize,
     cell_m: f32,
@@ -229,7 +231,8 @@ impl Ground {
         };
         let (cluster, sub_biomes) = (0..frame.len()).into_par_iter().map(of_cell).unzip();
         let (rows, cols, cell_m) = (frame.rows, frame.cols, frame.cell_m());
-        Self { cluster, sub_biomes, rows, cols, cell_m }
+        let limit_m = (0..frame.len()).map(|cell| conditions.limit_m(cell)).collect();
+        Self { cluster, sub_biomes, limit_m, rows, cols, cell_m }
     }
 
     /// Ground of each cluster in an area.
@@ -463,7 +466,8 @@ impl<'a> Block<'a> {
             return;
         };
         let is_alike = ground.cluster[to] == old.cluster.unwrap_or(NO_CLUSTER)
-            && ground.sub_biomes[from] == ground.sub_biomes[to];
+            && ground.sub_biomes[from] == ground.sub_biomes[to]
+            && old.height_m < ground.limit_m[to];
         let is_inside = self.shared.area.is_none_or(|area| area.contains(place));
         if !is_alike || !is_inside || self.is_in_trunk(place) {
             return;
@@ -484,10 +488,13 @@ impl<'a> Block<'a> {
         let other = ((which * self.own as f32) as usize).min(self.own - 1);
         let (a, b) = (self.plants[plant], self.plants[other]);
         let ground = self.shared.ground;
-        let sub_biomes =
-            |plant: &Plant| ground.cell_at(plant.place).map(|cell| ground.sub_biomes[cell]);
+        let (Some(at_a), Some(at_b)) = (ground.cell_at(a.place), ground.cell_at(b.place)) else {
+            return false;
+        };
         let is_same = a.species == b.species && a.height_m == b.height_m;
-        if a.cluster != b.cluster || is_same || sub_biomes(&a) != sub_biomes(&b) {
+        let has_room = a.height_m < ground.limit_m[at_b] && b.height_m < ground.limit_m[at_a];
+        let is_alike = a.cluster == b.cluster && ground.sub_biomes[at_a] == ground.sub_biomes[at_b];
+        if is_same || !is_alike || !has_room {
             return false;
         }
         self.count(plant, -1, usize::MAX);

@@ -286,7 +286,12 @@ impl<'a> Sampler<'a> {
                     else {
                         continue;
                     };
-                    let height_m = share.height_at_m(size);
+                    // of the heights that there is room for
+                    let room = share.share_below(conditions.limit_m(cell));
+                    if room <= 0.0 {
+                        continue;
+                    }
+                    let height_m = share.height_at_m(size * room);
                     let grown = &biome.species[usize::from(share.species)];
                     plants.push(Unplaced {
                         cell: cell as u32, // scenes have fewer cells

@@ -310,6 +310,19 @@ impl SpeciesShare {
     }
 }
 
+impl SpeciesShare {
+    /// Share of the species' plants that are lower than that.
+    pub fn share_below(&self, limit_m: f32) -> f32 {
+        let steps = (QUANTILES - 1) as f32;
+        let higher = self.height_m.partition_point(|height_m| *height_m < limit_m);
+        if higher == 0 || higher == QUANTILES {
+            return higher as f32 / QUANTILES as f32;
+        }
+        let [low_m, high_m] = [self.height_m[higher - 1], self.height_m[higher]];
+        ((higher - 1) as f32 + (limit_m - low_m) / (high_m - low_m)) / steps
+    }
+}
+
 /// The value that a share of sorted values does not reach; between two, in proportion.
 #[inline]
 pub fn quantile(sorted: &[f32], share: f32) -> f32 {
@@ -388,6 +401,17 @@ pub(super) mod tests {
         assert!(message(&newer, &biome).contains("layout 9"));
         let negative = text.replacen("_and_chance\":40", "_and_chance\":-40", 1);
         assert!(message(&negative, &biome).contains("a density"));
+    }
+
+    #[test]
+    fn shares_below_a_limit_are_those_whose_heights_lie_below_it() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let share = &example(&biome).clusters[1].species[0];
+        assert_eq!([share.share_below(0.05), share.share_below(4.0)], [0.0, 1.0]);
+        for limit_m in [0.2, 1.0, 2.9] {
+            let below = share.share_below(limit_m);
+            assert!((share.height_at_m(below) - limit_m).abs() < 1e-4, "{limit_m}");
+        }
     }
 
     #[test]
