@@ -410,11 +410,11 @@ mod tests {
         let at = |chance: f64, plants_per_m2: f64| {
             (400.0, 400.0 * chance, (400.0 * plants_per_m2).round() as u64)
         };
-        let wanted = |chance: f64| 20.0 * chance / (1.0 + chance / 0.096);
+        let wanted = |chance: f64| 20.0 * chance / (1.0 + chance / 0.12);
         let chances = [0.005, 0.03, 0.09, 0.2];
         let found = density(&chances.map(|chance| at(chance, wanted(chance))));
         assert!((found.plants_per_m2_and_chance - 20.0).abs() < 1.0, "{found:?}");
-        assert!((found.half_chance - 0.096).abs() < 0.01, "{found:?}");
+        assert!((found.half_chance - 0.12).abs() < 0.01, "{found:?}");
         let none = density(&[(100.0, 3.0, 0), (0.0, 0.0, 0)]);
         assert_eq!(none.plants_per_m2_and_chance, 0.0);
     }

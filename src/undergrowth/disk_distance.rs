@@ -20,7 +20,8 @@ pub const REACH_M: f32 = 3.0;
 /// Category of two crowns whose middles are so far apart; none beyond reach.
 #[inline]
 pub fn bin(distance_m: f32, radius_m: f32, other_radius_m: f32) -> Option<usize> {
-    let gap_m = distance_m - radius_m - other_radius_m;
+    // the sum first: the same to the bit whichever of the two is asked
+    let gap_m = distance_m - (radius_m + other_radius_m);
     if gap_m >= 0.0 {
         // bins of doubling width: fewer steps than a search
         return (gap_m < REACH_M).then(|| {

@@ -123,7 +123,8 @@ mod tests {
         let full = Grid::from_fn(40, 40, 2.0, |_| 0.5);
         let bare = mean_color(&Litters { grass_height_m: None, litterfall: None });
         let grass = mean_color(&Litters { grass_height_m: Some((&full, 0.5)), litterfall: None });
-        let litter = mean_color(&Litters { grass_height_m: None, litterfall: Some(&full) });
+        let covered = Grid::from_fn(40, 40, 2.0, |_| 1.0);
+        let litter = mean_color(&Litters { grass_height_m: None, litterfall: Some(&covered) });
         let green = |c: [f32; 3]| 2.0 * c[1] - c[0] - c[2];
         assert!(green(grass) > green(bare) + 40.0, "{grass:?} {bare:?}");
         assert!(litter[0] - litter[2] > bare[0] - bare[2] + 30.0, "{litter:?} {bare:?}");
