@@ -1,5 +1,6 @@
 //! Living plants of a scene: one array a measure.
 
+pub mod buckets;
 pub mod table;
 
 use crate::species::Biome;

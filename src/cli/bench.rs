@@ -180,8 +180,7 @@ impl PreparedCanopy {
 /// Species map and placement on the CPU.
 fn canopy_trees(prepared: &PreparedCanopy, reporter: &Reporter) -> Result<Value, Error> {
     let PreparedCanopy { terrain, site, chm_m, biome } = prepared;
-    let allowed = terrain.elevation_m.mask();
-    let input = CanopyInput { terrain, site, chm_m, learned: None, allowed, biome, brush: None };
+    let input = CanopyInput::made_up(terrain, site, chm_m, biome);
     let request = CanopyRequest { gpu: GpuChoice::Off, ..CanopyRequest::default() };
     let reporter = reporter.silenced();
     reset_peak_memory();
@@ -217,16 +216,7 @@ impl GrownGround {
         let site = Site::of(&maps);
         let canopy = canopy::generate::GenerateParams::default();
         let chm_m = canopy::generate::generate(&terrain, &site, &canopy, &reporter)?;
-        let allowed = terrain.elevation_m.mask();
-        let input = CanopyInput {
-            terrain: &terrain,
-            site: &site,
-            chm_m: &chm_m,
-            learned: None,
-            allowed,
-            biome: &biome,
-            brush: None,
-        };
+        let input = CanopyInput::made_up(&terrain, &site, &chm_m, &biome);
         let request = CanopyRequest { gpu: GpuChoice::Off, ..CanopyRequest::default() };
         let trees = grow::grow(&input, Shares::default(), 1, &request, &reporter)?.plants;
         let statistics = Statistics::builtin(&biome)
@@ -384,8 +374,8 @@ fn default_biome() -> Result<Biome, Error> {
 
 /// Years that undergrowth is given to become dense.
 const DENSE_AFTER_YEARS: usize = 60;
-/// Rain of the simulated plot, as a multiple of the biome's. Chosen: at 5, undergrowth is as dense as under the conifers of
-/// a wet real plot, 7 plants a square metre; at 1, the generated plot has 3.
+/// Rain of the simulated plot, as a multiple of the biome's. chosen: half a million plants live on it, 8 a square metre, as
+/// under the conifers of a wet real plot.
 const WET_FRACTION: f32 = 3.0;
 
 /// Undergrowth of a plot of 256 m under closed conifers, after some decades.
@@ -394,16 +384,7 @@ fn dense_undergrowth(reporter: &Reporter) -> Result<Community, Error> {
     biome.climate = biome.climate.with_rain_scaled([WET_FRACTION; MONTHS]);
     let PreparedCanopy { terrain, site, chm_m, biome } =
         PreparedCanopy::new(280, 250.0, 16.0, biome, reporter)?;
-    let allowed = terrain.elevation_m.mask();
-    let input = CanopyInput {
-        terrain: &terrain,
-        site: &site,
-        chm_m: &chm_m,
-        learned: None,
-        allowed,
-        biome: &biome,
-        brush: None,
-    };
+    let input = CanopyInput::made_up(&terrain, &site, &chm_m, &biome);
     let request = CanopyRequest { gpu: GpuChoice::Off, ..CanopyRequest::default() };
     let reporter = reporter.silenced();
     let grown = grow::grow(&input, Shares::default(), 1, &request, &reporter)?;

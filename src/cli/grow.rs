@@ -8,7 +8,7 @@ use serde_json::json;
 use super::import::{self, TerrainArguments, Unit};
 use super::{Outcome, Shared, terminal};
 use crate::canopy::learned::sketch::Density;
-use crate::export::close_up::area::Area;
+use crate::export::close_up::area::{self, Area};
 use crate::gpu::GpuChoice;
 use crate::inference::{LibrarySearch, ModelSource, RuntimeChoice, Runtimes};
 use crate::pipeline::close_up::PLANTS_FILE;
@@ -18,7 +18,7 @@ use crate::pipeline::undergrowth::{self, Refine, UndergrowthRequest};
 use crate::pipeline::{Error, close_up};
 use crate::plants::table::TableFormat;
 use crate::progress::Reporter;
-use crate::raster::MapWindow;
+use crate::raster::{MapPoint, MapWindow};
 use crate::scene::Manifest;
 
 /// What `wildwood grow` takes.
@@ -161,15 +161,17 @@ fn density(name: &str) -> Result<Density, String> {
 
 /// A square around a place, as EAST,NORTH,SIZE.
 fn square(text: &str) -> Result<MapWindow, String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
-    let Ok(&[east, north, size]) = numbers.as_deref() else {
-        return Err("give its middle and its side as EAST,NORTH,SIZE, three numbers".to_owned());
-    };
-    if !(size > 0.0 && [east, north, size].iter().all(|number| number.is_finite())) {
+    let (MapPoint { east_m, north_m }, size_m) = area::square(text).map_err(|e| e.to_string())?;
+    if size_m <= 0.0 {
         return Err("give a side above 0".to_owned());
     }
-    let half = 0.5 * size;
-    Ok(MapWindow { west: east - half, south: north - half, east: east + half, north: north + half })
+    let half_m = 0.5 * size_m;
+    Ok(MapWindow {
+        west: east_m - half_m,
+        south: north_m - half_m,
+        east: east_m + half_m,
+        north: north_m + half_m,
+    })
 }
 
 /// The canopy to generate, if one is asked for.

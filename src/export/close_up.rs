@@ -70,7 +70,7 @@ pub struct CloseUpInput<'a> {
     pub biome: &'a Biome,
     /// Height of the grass, where it was worked out.
     pub grass_height_m: Option<&'a Grid<f32>>,
-    /// Litter on the ground, where it was worked out; in any unit.
+    /// Share of the ground under litter, where it was worked out.
     pub litterfall: Option<&'a Grid<f32>>,
 }
 

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use crate::plants::Plants;
 use crate::progress::{Cancelled, Reporter};
-use crate::raster::Grid;
+use crate::raster::{Grid, Mask};
 use crate::species::Biome;
 
 pub use grass::GrassParams;
@@ -44,7 +44,7 @@ pub struct ForestFloor {
 }
 
 /// The forest floor of a site under all its plants, canopy and undergrowth. `suitability` is that for grass
-/// ([`grass::suitability`]).
+/// ([`grass::suitability`]); land that is not `dry` ([`water::dry_land`]) is masked, and what is not `allowed` (roads) is bare.
 ///
 /// # Errors
 /// [`Cancelled`] once the run was cancelled.
@@ -53,7 +53,8 @@ pub struct ForestFloor {
 /// If a plant has no place, no radius, or a species the biome does not have.
 pub fn run(
     suitability: &Grid<f32>,
-    discharge_m3_s: &Grid<f32>,
+    dry: &Arc<Mask>,
+    allowed: &Mask,
     plants: &Plants,
     biome: &Biome,
     params: &Params,
@@ -61,16 +62,20 @@ pub fn run(
 ) -> Result<ForestFloor, Cancelled> {
     let stage = reporter.stage("forest floor", plants.len() as u64);
     let frame = suitability.frame();
-    let dry = Arc::new(water::dry_land(discharge_m3_s));
     let shade = shading::ground_shade(frame, plants, biome);
     reporter.check_cancelled()?;
-    let grass_height_m = grass::heights_m(suitability, shade.light_fraction, &biome.forest_floor);
+    let mut grass_height_m =
+        grass::heights_m(suitability, shade.light_fraction, &biome.forest_floor);
     reporter.check_cancelled()?;
-    let litterfall = litterfall::densities(shade.cumulative_absorption, &params.litterfall);
+    let mut litterfall = litterfall::densities(shade.cumulative_absorption, &params.litterfall);
+    for values in [&mut grass_height_m, &mut litterfall] {
+        let cells = values.iter_mut().zip(allowed.as_slice());
+        cells.filter(|(_, allowed)| !**allowed).for_each(|(value, _)| *value = 0.0);
+    }
     stage.advance(plants.len() as u64);
     Ok(ForestFloor {
-        grass_height_m: Grid::new(Arc::clone(frame), Arc::clone(&dry), grass_height_m),
-        litterfall: Grid::new(Arc::clone(frame), dry, litterfall),
+        grass_height_m: Grid::new(Arc::clone(frame), Arc::clone(dry), grass_height_m),
+        litterfall: Grid::new(Arc::clone(frame), Arc::clone(dry), litterfall),
     })
 }
 
@@ -92,8 +97,9 @@ mod tests {
         let params = Params::default();
         let suitability = grass::suitability(maps, &biome.forest_floor, &params.grass);
         let suitability = maps.slope_rad.with_values(suitability);
-        let reporter = Reporter::silent();
-        run(&suitability, &maps.discharge_m3_s, plants, biome, &params, &reporter).unwrap()
+        let (dry, reporter) = (Arc::new(water::dry_land(&maps.discharge_m3_s)), Reporter::silent());
+        let allowed = maps.slope_rad.mask();
+        run(&suitability, &dry, allowed, plants, biome, &params, &reporter).unwrap()
     }
 
     #[test]
@@ -110,6 +116,21 @@ mod tests {
         assert_eq!(floor.litterfall[open], 0.0);
         let expected = litterfall::density(alpha, &LitterfallParams::default());
         assert!((floor.litterfall[shaded] - expected).abs() < 1e-6);
+    }
+
+    #[test]
+    fn ground_that_is_kept_free_is_bare() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let maps = maps_of(Grid::from_fn(20, 20, 1.0, |c| 200.0 + 0.05 * c.col as f32), &biome);
+        let params = Params::default();
+        let suitability = grass::suitability(&maps, &biome.forest_floor, &params.grass);
+        let suitability = maps.slope_rad.with_values(suitability);
+        let dry = Arc::new(water::dry_land(&maps.discharge_m3_s));
+        let allowed = Mask::new((0..400).map(|cell| cell % 20 != 7).collect::<Vec<bool>>());
+        let (plants, reporter) = (Plants::default(), Reporter::silent());
+        let floor = run(&suitability, &dry, &allowed, &plants, &biome, &params, &reporter).unwrap();
+        let grass = |col: usize| floor.grass_height_m[Cell { row: 10, col }];
+        assert!(grass(7) == 0.0 && grass(6) > 0.3 && grass(8) > 0.3);
     }
 
     #[test]

@@ -63,15 +63,7 @@ pub fn run(
     let site = Site::of(&maps);
     let canopy = canopy::generate::GenerateParams { seed: terrain.seed, ..Default::default() };
     let chm_m = canopy::generate::generate(&read.terrain, &site, &canopy, reporter)?;
-    let input = CanopyInput {
-        terrain: &read.terrain,
-        site: &site,
-        chm_m: &chm_m,
-        learned: None,
-        allowed: read.terrain.elevation_m.mask(),
-        biome: &species,
-        brush: None,
-    };
+    let input = CanopyInput::made_up(&read.terrain, &site, &chm_m, &species);
     let text = shares(biome);
     let shares =
         text.map_or_else(|| Ok(Shares::default()), |text| Shares::parse(text, &species))?;

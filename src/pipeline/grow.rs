@@ -127,6 +127,19 @@ pub struct CanopyInput<'a> {
     pub brush: Option<&'a Brush>,
 }
 
+impl<'a> CanopyInput<'a> {
+    /// A canopy that was made up: all land is allowed, nothing is painted.
+    pub fn made_up(
+        terrain: &'a Terrain,
+        site: &'a Site,
+        chm_m: &'a Grid<f32>,
+        biome: &'a Biome,
+    ) -> Self {
+        let allowed = terrain.elevation_m.mask();
+        Self { terrain, site, chm_m, learned: None, allowed, biome, brush: None }
+    }
+}
+
 /// Grown canopy trees.
 #[derive(Clone, Debug)]
 pub struct GrownCanopy {

@@ -34,7 +34,7 @@ use crate::undergrowth::disks::Disks;
 use crate::undergrowth::statistics::Statistics;
 
 /// Version of simulated plots: another one wherever they would come out otherwise, so that none of an older kind is used again.
-const SAMPLE_VERSION: u32 = 3;
+const SAMPLE_VERSION: u32 = 4;
 
 /// Side of a landscape, in cells of 1 m. chosen: water has slopes to gather on, and seeds come from all sides.
 const LANDSCAPE_CELLS: usize = 320;
@@ -273,13 +273,8 @@ impl Landscape {
         let chm_m = canopy::generate::generate(&terrain, &site, &canopy, reporter)?;
         let brush = self.brush(&terrain, biome, index, seed)?;
         let input = CanopyInput {
-            terrain: &terrain,
-            site: &site,
-            chm_m: &chm_m,
-            learned: None,
-            allowed: terrain.elevation_m.mask(),
-            biome,
             brush: Some(&brush),
+            ..CanopyInput::made_up(&terrain, &site, &chm_m, biome)
         };
         let request = CanopyRequest { gpu: GpuChoice::Off, ..CanopyRequest::default() };
         let grown = grow::grow(&input, Shares::default(), seed, &request, reporter)?;
@@ -446,10 +441,7 @@ impl Grown {
             cell_m,
             rim_m: RIM_CELLS as f32 * cell_m,
             factors: cells().map(|cell| conditions.factors(cell, conditions.seeds(cell))).collect(),
-            seeds: cells()
-                .map(|cell| conditions.seeds(cell))
-                .map(|seeds| (seeds.chance_per_year, seeds.sub_biomes))
-                .collect(),
+            sub_biomes: cells().map(|cell| conditions.seeds(cell).sub_biomes).collect(),
             trees,
             years,
             plants_by_year,

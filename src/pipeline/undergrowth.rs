@@ -1,6 +1,7 @@
 //! Undergrowth and forest floor of a scene, under the canopy trees that were grown for it.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use super::Error;
 use super::scene_files::{StageFiles, mean};
@@ -113,13 +114,13 @@ pub fn grow(
 ) -> Result<GrownUndergrowth, Error> {
     let mut plants = input.canopy.clone();
     let (mut count, mut refinement) = (0, None);
+    let dry = Arc::new(water::dry_land(input.discharge_m3_s));
     if let Some(statistics) = statistics {
         let biome = input.biome;
         let conditions =
             Conditions::under(input.canopy, input.site, biome, &Parameters::undergrowth(biome));
         let frame = input.terrain.elevation_m.frame();
         let trees = Trees::of(input.canopy, frame.rows as f32 * frame.cell_m());
-        let dry = water::dry_land(input.discharge_m3_s);
         let may_grow = |cell: usize| {
             let is_cliff = math::tan(input.site.slope_rad.values()[cell]) >= CLIFF_SLOPE;
             input.allowed.is_valid(cell) && dry.is_valid(cell) && !is_cliff
@@ -151,20 +152,15 @@ pub fn grow(
         }
         plants.append(undergrowth::plants(grown, &conditions, &input.terrain.elevation_m, biome));
     }
-    let params = forest_floor::Params::default();
-    let mut floor = forest_floor::run(
+    let floor = forest_floor::run(
         input.grass_suitability,
-        input.discharge_m3_s,
+        &dry,
+        input.allowed,
         &plants,
         input.biome,
-        &params,
+        &forest_floor::Params::default(),
         reporter,
     )?;
-    // what is kept free is kept free of grass and litter too
-    for map in [&mut floor.grass_height_m, &mut floor.litterfall] {
-        let cells = map.values_mut().iter_mut().zip(input.allowed.as_slice());
-        cells.filter(|(_, allowed)| !**allowed).for_each(|(value, _)| *value = 0.0);
-    }
     Ok(GrownUndergrowth { plants, undergrowth: count, refinement, floor })
 }
 

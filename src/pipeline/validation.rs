@@ -58,7 +58,7 @@ pub fn synthesis(biome: &Biome, seed: u64, reporter: &Reporter) -> Result<Vec<Fi
         .into_iter()
         .map(|(window, simulated)| {
             let cluster_of = |cell: usize| {
-                let sub_biomes = simulated.seeds_of(cell).sub_biomes;
+                let sub_biomes = simulated.sub_biomes[cell];
                 let clusters = finder.clusters(sub_biomes);
                 let is_counted = sub_biomes != 0 && simulated.is_inside(cell);
                 is_counted.then(|| finder.nearest(&simulated.factors[cell], clusters) as u16)

@@ -1,14 +1,15 @@
 //! Competition: what each plant gets of the light and the water of the cells under its crown.
 //!
 //! Light falls from the tallest plant to the lowest, each taking its share. Water goes to roots in the same order, each its
-//! least need, as far as it lasts; what is left over is shared by all plants of the cell and one share of seeds. (Kapp lets the
-//! canopy drink first. Soil water here is what transpiration has left, the canopy's included: it would drink twice, and
-//! nothing but the hardiest pine came up under the Pyrenees' beeches.) Both need
+//! least need, as far as it lasts; what is left over is shared by all plants of the cell and one share of seeds. Both need
 //! only a running state of each cell, so one walk over a tile's plants, the tallest first, works out a year: no lists of
 //! plants by cell are kept.
 //!
 //! # Reference
 //! Kapp et al. 2020, section 6.1, doi:10.1145/3414685.3417848, after Gain et al. 2017, doi:10.1111/cgf.13106.
+//! # Departures
+//! There the canopy's trees drink first. Soil water, as our abiotic maps have it, is what transpiration has left, the canopy's
+//! included: trees would drink twice, and nothing but the hardiest pine came up under the Pyrenees' oaks.
 
 use super::plot::{Disk, Plot};
 use super::traits::Traits;

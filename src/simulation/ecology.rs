@@ -7,6 +7,7 @@
 use super::plot::GroundCell;
 use super::{CanopyTree, Community, Competition, Parameters, Plot};
 use crate::math;
+use crate::plants::buckets::Buckets;
 use crate::progress::{Cancelled, Reporter};
 use crate::raster::MONTHS;
 use crate::species::Biome;
@@ -369,14 +370,15 @@ fn pair_correlation(community: &Community, distance_m: f32, half_width_m: f32, s
     let (near_m, far_m) = (distance_m - half_width_m, distance_m + half_width_m);
     let is_inside = |place: &&[f32; 2]| place.iter().all(|m| *m > far_m && *m < side_m - far_m);
     let (mut asked, mut found) = (0.0, 0.0);
-    for a in places.iter().filter(is_inside) {
+    let (east_m, south_m): (Vec<f32>, Vec<f32>) = places.iter().map(|[e, s]| (*e, *s)).unzip();
+    let buckets = Buckets::new(&east_m, &south_m, far_m);
+    for place in places.iter().filter(is_inside) {
         asked += 1.0;
-        for b in &places {
-            let away_m = apart_m(*a, *b);
-            if (near_m..far_m).contains(&away_m) {
+        buckets.near(*place, far_m, |other| {
+            if (near_m..far_m).contains(&apart_m(*place, places[other])) {
                 found += 1.0;
             }
-        }
+        });
     }
     let density = places.len() as f64 / f64::from(side_m * side_m);
     let ring_m2 = std::f64::consts::PI * f64::from(far_m * far_m - near_m * near_m);

@@ -5,40 +5,28 @@
 //! section 7.2 and Fig. 20.
 
 use super::plot::Disk;
+use crate::plants::buckets::Buckets;
 
 /// Plants whose circle meets that of a taller one; of two as tall the one with the greater id.
 pub fn dominated(disks: &[Disk], height_m: &[f32], id: &[u64]) -> Vec<bool> {
+    let of = |measure: fn(&Disk) -> f32| disks.iter().map(measure).collect::<Vec<f32>>();
     let widest_m = disks.iter().map(|disk| disk.radius_m).fold(0.0, f32::max);
-    // buckets as wide as two circles that just meet: neighbours lie in the nine around
-    let bucket_m = (2.0 * widest_m).max(0.1);
-    let bucket =
-        |disk: &Disk| [disk.south_m, disk.east_m].map(|m| (m / bucket_m).max(0.0) as usize);
-    let most = |axis: usize| disks.iter().map(|disk| bucket(disk)[axis]).max().unwrap_or(0) + 1;
-    let [rows, cols] = [most(0), most(1)];
-    let mut buckets: Vec<Vec<u32>> = vec![Vec::new(); rows * cols];
-    for (plant, disk) in disks.iter().enumerate() {
-        let [row, col] = bucket(disk);
-        buckets[row * cols + col].push(plant as u32); // far fewer than 2³²
-    }
+    let buckets = Buckets::new(&of(|d| d.east_m), &of(|d| d.south_m), widest_m.max(0.1));
     let is_taller = |a: usize, b: usize| {
         height_m[a] > height_m[b] || (height_m[a] == height_m[b] && id[a] < id[b])
     };
     let is_dominated = |plant: usize| {
         let disk = &disks[plant];
-        let [row, col] = bucket(disk);
-        let rows = row.saturating_sub(1)..(row + 2).min(rows);
-        rows.flat_map(|row| {
-            (col.saturating_sub(1)..(col + 2).min(cols)).map(move |col| row * cols + col)
-        })
-        .flat_map(|bucket| &buckets[bucket])
-        .any(|other| {
-            let (index, other) = (*other as usize, &disks[*other as usize]);
+        let mut is_dominated = false;
+        buckets.near([disk.east_m, disk.south_m], disk.radius_m + widest_m, |index| {
+            let other = &disks[index];
             let (east_m, south_m) = (other.east_m - disk.east_m, other.south_m - disk.south_m);
             let reach_m = disk.radius_m + other.radius_m;
-            index != plant
+            is_dominated |= index != plant
                 && east_m * east_m + south_m * south_m < reach_m * reach_m
-                && is_taller(index, plant)
-        })
+                && is_taller(index, plant);
+        });
+        is_dominated
     };
     (0..disks.len()).map(is_dominated).collect()
 }

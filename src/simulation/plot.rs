@@ -49,11 +49,9 @@ pub(super) struct CanopyCell {
     pub light_fraction: f32,
     /// Height of its underside, or of what would be canopy where there is none, m.
     pub base_m: f32,
-    /// Number of its trees over the cell.
-    pub trees: u16,
 }
 
-const OPEN: CanopyCell = CanopyCell { light_fraction: 1.0, base_m: f32::INFINITY, trees: 0 };
+const OPEN: CanopyCell = CanopyCell { light_fraction: 1.0, base_m: f32::INFINITY };
 
 /// A rectangle of a scene's cells.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -195,7 +193,7 @@ impl Plot {
         for tree in canopy {
             plot.shade(tree, biome);
         }
-        let open = plot.canopy.iter_mut().filter(|cell| cell.trees == 0);
+        let open = plot.canopy.iter_mut().filter(|cell| **cell == OPEN);
         open.for_each(|cell| cell.base_m = parameters.open_limit_m);
         plot
     }
@@ -216,7 +214,6 @@ impl Plot {
                 let cell = &mut self.canopy[row * self.cols + col];
                 cell.light_fraction *= keep;
                 cell.base_m = cell.base_m.min(tree.crown_base_m);
-                cell.trees = cell.trees.saturating_add(1);
             }
         }
     }
@@ -376,8 +373,8 @@ mod tests {
             plot.canopy[row * 100 + col]
         };
         let keep = 1.0 - biome.species[species].absorbed_light_fraction;
-        assert_eq!((at(5.0).light_fraction, at(5.0).trees, at(5.0).base_m), (keep, 1, 6.0));
-        assert_eq!((at(10.0).light_fraction, at(10.0).trees), (keep * keep, 2));
+        assert_eq!(at(5.0), CanopyCell { light_fraction: keep, base_m: 6.0 });
+        assert_eq!(at(10.0), CanopyCell { light_fraction: keep * keep, base_m: 6.0 });
         assert_eq!(at(1.0), CanopyCell { base_m: 3.0, ..OPEN });
     }
 }

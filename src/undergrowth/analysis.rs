@@ -16,7 +16,6 @@ use super::statistics::{
     self, Cluster, Density, FORMAT, Pair, QUANTILES, Source, SpeciesShare, Statistics,
 };
 use crate::math;
-use crate::simulation::seedbank::Seeds;
 use crate::species::Biome;
 
 /// Lower plants are seedlings that nobody would count; m. chosen: what a forester's regeneration survey begins with.
@@ -50,8 +49,8 @@ pub struct Sample {
     pub rim_m: f32,
     /// What undergrowth of each cell depends on.
     pub factors: Vec<Factors>,
-    /// Seeds of each cell: chance a year, and the sub-biomes.
-    pub seeds: Vec<(f32, u32)>,
+    /// Sub-biomes that shed seeds on each cell.
+    pub sub_biomes: Vec<u32>,
     /// Canopy trees over the plot and near it.
     pub trees: Disks,
     /// Undergrowth in the years that are counted.
@@ -61,10 +60,10 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Seeds of a cell.
-    pub fn seeds_of(&self, cell: usize) -> Seeds {
-        let (chance_per_year, sub_biomes) = self.seeds[cell];
-        Seeds { chance_per_year, sub_biomes }
+    /// Chance a year that a seed sprouts in a simulation cell of a cell.
+    fn seed_chance(&self, cell: usize) -> f32 {
+        let [.., chance] = self.factors[cell];
+        chance
     }
 
     /// Whether a cell lies inside the rim.
@@ -86,9 +85,17 @@ impl Sample {
 #[derive(Clone, Default)]
 struct Counted {
     area_m2: f64,
-    /// Ground, chance of seeds summed over it, and plants of each class of that chance.
-    classes: [(f64, f64, u64); CHANCE_ENDS.len() + 1],
+    classes: [Class; CHANCE_ENDS.len() + 1],
     heights_m: BTreeMap<u16, Vec<f32>>,
+}
+
+/// What was counted on ground of a class of the chance of seeds.
+#[derive(Clone, Copy, Default)]
+struct Class {
+    area_m2: f64,
+    /// The chance, summed over the ground.
+    chance_m2: f64,
+    plants: u64,
 }
 
 /// Statistics of simulated plots.
@@ -100,9 +107,9 @@ pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
     let mut grounds: BTreeMap<u32, Vec<Factors>> = BTreeMap::new();
     for sample in samples {
         for cell in (0..sample.factors.len()).filter(|cell| sample.is_inside(*cell)) {
-            let seeds = sample.seeds_of(cell);
-            if seeds.sub_biomes != 0 {
-                grounds.entry(seeds.sub_biomes).or_default().push(sample.factors[cell]);
+            let sub_biomes = sample.sub_biomes[cell];
+            if sub_biomes != 0 {
+                grounds.entry(sub_biomes).or_default().push(sample.factors[cell]);
             }
         }
     }
@@ -125,22 +132,23 @@ pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
     for sample in samples {
         let cluster_of: Vec<Option<u16>> = (0..sample.factors.len())
             .map(|cell| {
-                let bits = sample.seeds_of(cell).sub_biomes;
+                let bits = sample.sub_biomes[cell];
                 let of_bits = clusters.iter().enumerate().filter(|(_, (of, _))| *of == bits);
                 let centres = of_bits.map(|(index, _)| (index, &places[index]));
                 let is_counted = bits != 0 && sample.is_inside(cell);
-                is_counted.then(|| scale.nearest(&sample.factors[cell], centres) as u16)
+                let at = || scale.coordinates(&sample.factors[cell]);
+                is_counted.then(|| clustering::nearest(&at(), centres) as u16)
             })
             .collect();
         for (_, plants) in &sample.years {
             for (cell, cluster) in cluster_of.iter().enumerate() {
                 let Some(cluster) = cluster else { continue };
-                let chance = sample.seeds[cell].0;
+                let chance = sample.seed_chance(cell);
                 let counted = &mut counted[usize::from(*cluster)];
                 counted.area_m2 += cell_m2;
                 let class = &mut counted.classes[class_of(chance)];
-                class.0 += cell_m2;
-                class.1 += f64::from(chance) * cell_m2;
+                class.area_m2 += cell_m2;
+                class.chance_m2 += f64::from(chance) * cell_m2;
             }
             let of_plants: Vec<Option<u16>> = (plants.east_m.iter().zip(&plants.south_m))
                 .map(|(east_m, south_m)| cluster_of[sample.cell_at(*east_m, *south_m)])
@@ -149,7 +157,7 @@ pub fn analyse(samples: &[Sample], biome: &Biome, seed: u64) -> Statistics {
                 let Some(cluster) = cluster else { continue };
                 let cell = sample.cell_at(plants.east_m[plant], plants.south_m[plant]);
                 let counted = &mut counted[usize::from(*cluster)];
-                counted.classes[class_of(sample.seeds[cell].0)].2 += 1;
+                counted.classes[class_of(sample.seed_chance(cell))].plants += 1;
                 let heights_m = counted.heights_m.entry(plants.species[plant]).or_default();
                 heights_m.push(plants.height_m[plant]);
             }
@@ -190,7 +198,10 @@ fn assemble(
         let (bits, at) = &clusters[cluster];
         let rank = |other: &usize| {
             let (other_bits, other_at) = &clusters[*other];
-            ((bits ^ other_bits).count_ones(), scale.square_distance(at, other_at))
+            (
+                (bits ^ other_bits).count_ones(),
+                clustering::square_distance(&scale.coordinates(at), &scale.coordinates(other_at)),
+            )
         };
         let enough = (0..clusters.len()).filter(|other| plants[*other] >= least);
         let best = enough.min_by(|a, b| {
@@ -252,11 +263,12 @@ fn assemble(
     }
 }
 
-/// The density that lies nearest to those of classes (ground, chance summed over it, plants), by least squares of the number
-/// of plants.
-fn density(classes: &[(f64, f64, u64)]) -> Density {
-    let points: Vec<[f64; 3]> = (classes.iter().filter(|class| class.0 > 0.0))
-        .map(|(area_m2, chance, plants)| [*area_m2, chance / area_m2, *plants as f64 / area_m2])
+/// The density that lies nearest to those of classes, by least squares weighed by ground.
+fn density(classes: &[Class]) -> Density {
+    let points: Vec<[f64; 3]> = (classes.iter().filter(|class| class.area_m2 > 0.0))
+        .map(|Class { area_m2, chance_m2, plants }| {
+            [*area_m2, chance_m2 / area_m2, *plants as f64 / area_m2]
+        })
         .collect();
     // the slope for a half chance, and what is missed then
     let fit = |half_chance: f64| {
@@ -370,7 +382,7 @@ mod tests {
             factors: (0..3600)
                 .map(|cell| [if cell % 60 < 30 { 2.0 } else { 8.0 }, 80.0, 12.0, 0.1, 0.08])
                 .collect(),
-            seeds: vec![(0.08, 1); 3600],
+            sub_biomes: vec![1; 3600],
             trees: Disks::default(),
             years: vec![(200, plants)],
             plants_by_year: vec![4500],
@@ -408,14 +420,16 @@ mod tests {
     #[test]
     fn density_is_proportional_where_seeds_are_few_and_less_where_they_are_many() {
         let at = |chance: f64, plants_per_m2: f64| {
-            (400.0, 400.0 * chance, (400.0 * plants_per_m2).round() as u64)
+            let plants = (400.0 * plants_per_m2).round() as u64;
+            Class { area_m2: 400.0, chance_m2: 400.0 * chance, plants }
         };
         let wanted = |chance: f64| 20.0 * chance / (1.0 + chance / 0.12);
         let chances = [0.005, 0.03, 0.09, 0.2];
         let found = density(&chances.map(|chance| at(chance, wanted(chance))));
         assert!((found.plants_per_m2_and_chance - 20.0).abs() < 1.0, "{found:?}");
         assert!((found.half_chance - 0.12).abs() < 0.01, "{found:?}");
-        let none = density(&[(100.0, 3.0, 0), (0.0, 0.0, 0)]);
+        let none =
+            density(&[Class { area_m2: 100.0, chance_m2: 3.0, plants: 0 }, Class::default()]);
         assert_eq!(none.plants_per_m2_and_chance, 0.0);
     }
 

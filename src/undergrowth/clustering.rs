@@ -51,12 +51,6 @@ impl Scale {
         Self { unit }
     }
 
-    /// Square of the distance.
-    #[inline]
-    pub fn square_distance(&self, a: &Factors, b: &Factors) -> f32 {
-        self.square_distance_of(self.coordinates(a), self.coordinates(b))
-    }
-
     /// Conditions as coordinates of a space whose distances count.
     #[inline]
     pub fn coordinates(&self, at: &Factors) -> Factors {
@@ -66,48 +60,44 @@ impl Scale {
         let values = [sun_h, moisture, temperature_c, slope_rad, seeds];
         std::array::from_fn(|axis| values[axis] / self.unit[axis])
     }
+}
 
-    #[inline]
-    fn square_distance_of(&self, a: Factors, b: Factors) -> f32 {
-        let mut sum = 0.0;
-        for axis in 0..DIMENSIONS {
-            let apart = a[axis] - b[axis];
-            sum += apart * apart;
-        }
-        sum
+/// Square of the distance between two places, by their coordinates.
+#[inline]
+pub fn square_distance(a: &Factors, b: &Factors) -> f32 {
+    let mut sum = 0.0;
+    for axis in 0..DIMENSIONS {
+        let apart = a[axis] - b[axis];
+        sum += apart * apart;
     }
+    sum
+}
 
-    /// Index of the nearest of some centres' coordinates, the first of several as near.
-    ///
-    /// # Panics
-    /// If there is none.
-    #[inline]
-    pub fn nearest<'a>(
-        &self,
-        at: &Factors,
-        centres: impl Iterator<Item = (usize, &'a Factors)>,
-    ) -> usize {
-        let mut best = (f32::INFINITY, None);
-        let at = self.coordinates(at);
-        for (index, centre) in centres {
-            let away = self.square_distance_of(at, *centre);
-            if best.1.is_none() || away < best.0 {
-                best = (away, Some(index));
-            }
+/// Index of the nearest of some places, by their coordinates; the first of several as near.
+///
+/// # Panics
+/// If there is none.
+#[inline]
+pub fn nearest<'a>(at: &Factors, places: impl Iterator<Item = (usize, &'a Factors)>) -> usize {
+    let mut best = (f32::INFINITY, None);
+    for (index, place) in places {
+        let away = square_distance(at, place);
+        if best.1.is_none() || away < best.0 {
+            best = (away, Some(index));
         }
-        best.1.expect("there is a cluster to be near to")
     }
+    best.1.expect("there is a place to be near to")
 }
 
 /// `count` centres of samples, or fewer where there are fewer different samples.
 pub fn centres(samples: &[Factors], scale: &Scale, count: usize, seed: u64) -> Vec<Factors> {
-    let mut centres = first_centres(samples, scale, count, seed);
+    let at: Vec<Factors> = samples.par_iter().map(|sample| scale.coordinates(sample)).collect();
+    let first = first_centres(&at, count, seed);
+    let mut centres: Vec<Factors> = first.into_iter().map(|sample| samples[sample]).collect();
     for _ in 0..ROUNDS {
         let places: Vec<Factors> = centres.iter().map(|c| scale.coordinates(c)).collect();
-        let nearest: Vec<usize> = samples
-            .par_iter()
-            .map(|sample| scale.nearest(sample, places.iter().enumerate()))
-            .collect();
+        let nearest: Vec<usize> =
+            at.par_iter().map(|at| nearest(at, places.iter().enumerate())).collect();
         let mut sums = vec![([0.0_f64; DIMENSIONS], 0_usize); centres.len()];
         for (sample, centre) in samples.iter().zip(&nearest) {
             let (sum, count) = &mut sums[*centre];
@@ -121,7 +111,7 @@ pub fn centres(samples: &[Factors], scale: &Scale, count: usize, seed: u64) -> V
                 })
                 .collect();
         let most = (moved.iter().zip(&centres))
-            .map(|(a, b)| scale.square_distance(a, b))
+            .map(|(a, b)| square_distance(&scale.coordinates(a), &scale.coordinates(b)))
             .fold(0.0, f32::max);
         centres = moved;
         if most < 1e-6 {
@@ -131,20 +121,19 @@ pub fn centres(samples: &[Factors], scale: &Scale, count: usize, seed: u64) -> V
     centres
 }
 
-/// Samples far from each other: each next one is drawn by the square of its distance to those before.
-fn first_centres(samples: &[Factors], scale: &Scale, count: usize, seed: u64) -> Vec<Factors> {
+/// Samples far from each other, by their coordinates: each next one is drawn by the square of its distance to those before.
+fn first_centres(at: &[Factors], count: usize, seed: u64) -> Vec<usize> {
     let draw = |entity: u64| {
         let key = Key { seed, process: Process::Clustering, year: 0, month: 0, entity };
         f64::from(rng::uniforms(key)[0])
     };
-    let Some(last) = samples.len().checked_sub(1) else { return Vec::new() };
-    let first = ((draw(0) * samples.len() as f64) as usize).min(last);
-    let mut centres = vec![samples[first]];
-    let mut away: Vec<f32> = vec![f32::INFINITY; samples.len()];
+    let Some(last) = at.len().checked_sub(1) else { return Vec::new() };
+    let mut centres = vec![((draw(0) * at.len() as f64) as usize).min(last)];
+    let mut away: Vec<f32> = vec![f32::INFINITY; at.len()];
     while centres.len() < count {
-        let newest = centres[centres.len() - 1];
-        away.par_iter_mut().zip(samples).for_each(|(away, sample)| {
-            *away = away.min(scale.square_distance(sample, &newest));
+        let newest = at[centres[centres.len() - 1]];
+        away.par_iter_mut().zip(at).for_each(|(away, at)| {
+            *away = away.min(square_distance(at, &newest));
         });
         let total: f64 = away.iter().map(|away| f64::from(*away)).sum();
         if total <= 0.0 {
@@ -155,7 +144,7 @@ fn first_centres(samples: &[Factors], scale: &Scale, count: usize, seed: u64) ->
             left -= f64::from(*away);
             left < 0.0
         });
-        centres.push(samples[chosen.unwrap_or(last)]);
+        centres.push(chosen.unwrap_or(last));
     }
     centres
 }

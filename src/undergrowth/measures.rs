@@ -3,7 +3,8 @@
 use rayon::prelude::*;
 
 use super::disk_distance::{self, BINS, REACH_M};
-use super::disks::{Buckets, Disks};
+use super::disks::Disks;
+use crate::plants::buckets::Buckets;
 
 /// Width of the buckets that undergrowth is sought in, m. chosen: half of what a small plant asks for.
 pub(super) const BUCKET_M: f32 = 2.0;

@@ -4,7 +4,8 @@ use rayon::prelude::*;
 
 use super::{Conditions, Undergrowth};
 use crate::plants::{Layer, Plants};
-use crate::raster::{Cell, Grid};
+use crate::raster::Grid;
+use crate::raster::resample::{CellPosition, Samples};
 use crate::species::Biome;
 
 /// The plants of undergrowth, in its order.
@@ -23,6 +24,8 @@ pub fn plants(
     let frame = elevation_m.frame();
     let side_m = |cells: usize| (cells as f64 * frame.transform.cell_m) as f32; // rounded as positions are
     let (scene_width_m, scene_height_m) = (side_m(frame.cols), side_m(frame.rows));
+    let valid = elevation_m.mask().as_slice();
+    let ground_m = Samples::new(frame.rows, frame.cols, elevation_m.values(), valid);
     let Undergrowth { disks, id, cell, .. } = undergrowth;
     let measure = |of: &(dyn Fn(usize) -> f32 + Sync)| -> Vec<f32> {
         (0..disks.len()).into_par_iter().map(of).collect()
@@ -36,8 +39,10 @@ pub fn plants(
             (scene_height_m - disks.south_m[plant]).clamp(0.0, scene_height_m)
         }),
         z_m: measure(&|plant| {
-            ground_m(elevation_m, disks.east_m[plant], disks.south_m[plant])
-                .unwrap_or(elevation_m.values()[cell[plant] as usize])
+            let [col, row] = [disks.east_m[plant], disks.south_m[plant]]
+                .map(|m| f64::from(m) / frame.transform.cell_m);
+            let own = elevation_m.values()[cell[plant] as usize];
+            ground_m.bilinear(CellPosition { row, col }).unwrap_or(own)
         }),
         dbh_m: measure(&|plant| species(plant).dbh_m(disks.height_m[plant])),
         age_years: measure(&|plant| species(plant).age_at_height_years(disks.height_m[plant], 1.0)),
@@ -53,35 +58,5 @@ pub fn plants(
         species: disks.species,
         height_m: disks.height_m,
         crown_radius_m: disks.radius_m,
-    }
-}
-
-/// Elevation of the ground at a place, between the four cells around it; none where one of them is masked or missing.
-fn ground_m(elevation_m: &Grid<f32>, east_m: f32, south_m: f32) -> Option<f32> {
-    let frame = elevation_m.frame();
-    let (x, y) = (east_m / frame.cell_m() - 0.5, south_m / frame.cell_m() - 0.5);
-    if x < 0.0 || y < 0.0 {
-        return None;
-    }
-    let (row, col) = (y as usize, x as usize); // whole cells
-    let at = |row, col| elevation_m.get(Cell { row, col }).copied();
-    let [a, b] = [at(row, col)?, at(row, col + 1)?];
-    let [c, d] = [at(row + 1, col)?, at(row + 1, col + 1)?];
-    let (along, down) = (x - col as f32, y - row as f32);
-    let (north, south) = (a + (b - a) * along, c + (d - c) * along);
-    Some(north + (south - north) * down)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_ground_between_cells_is_a_plane_where_they_lie_in_one() {
-        let grid = Grid::from_fn(5, 6, 2.0, |c| 100.0 + 3.0 * c.row as f32 - c.col as f32);
-        let at = ground_m(&grid, 4.4, 3.8).unwrap();
-        assert!((at - (100.0 + 3.0 * 1.4 - 1.7)).abs() < 1e-4, "{at}");
-        assert_eq!(ground_m(&grid, 0.3, 3.0), None);
-        assert_eq!(ground_m(&grid, 11.8, 3.0), None);
     }
 }

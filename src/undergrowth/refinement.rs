@@ -16,10 +16,11 @@ use rayon::prelude::*;
 
 use super::Synthesis;
 use super::disk_distance::{self, BINS, REACH_M};
-use super::disks::{Buckets, Disks};
+use super::disks::Disks;
 use super::measures::{BUCKET_M, Measures, TREE_BUCKET_M, WIDE_M};
 use super::sampling::{Layout, Trees, Undergrowth};
 use super::statistics::{ClusterFinder, Statistics};
+use crate::plants::buckets::Buckets;
 use crate::progress::{Cancelled, Reporter};
 use crate::rng::{self, Key, Process};
 
@@ -171,7 +172,7 @@ pub fn refine(
         let difference = targets.difference(&measures);
         let before = figures.differences[figures.differences.len() - 1];
         figures.differences.push(difference);
-        if difference > before * (1.0 - LEAST_GAIN) {
+        if difference >= before * (1.0 - LEAST_GAIN) {
             break;
         }
     }

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::clustering::Scale;
+use super::clustering::{self, Scale};
 use super::conditions::Factors;
 use super::disk_distance::BINS;
 use crate::species::Biome;
@@ -284,7 +284,7 @@ impl<'a> ClusterFinder<'a> {
     #[inline]
     pub fn nearest(&self, at: &Factors, clusters: &[usize]) -> usize {
         let centres = clusters.iter().map(|index| (*index, &self.centres[*index]));
-        self.statistics.scale.nearest(at, centres)
+        clustering::nearest(&self.statistics.scale.coordinates(at), centres)
     }
 }
 

@@ -98,21 +98,25 @@ impl Area {
     }
 }
 
+/// Middle and side in metres of a square that is given as `EAST,NORTH,SIZE`.
+///
+/// # Errors
+/// [`AreaError::Form`] if these are not three numbers.
+pub fn square(text: &str) -> Result<(MapPoint, f64), AreaError> {
+    let number = |part: &str| part.trim().parse().ok().filter(|number: &f64| number.is_finite());
+    match text.split(',').map(number).collect::<Option<Vec<f64>>>().as_deref() {
+        Some(&[east_m, north_m, size_m]) => Ok((MapPoint { east_m, north_m }, size_m)),
+        _ => Err(AreaError::Form { text: text.to_owned() }),
+    }
+}
+
 impl FromStr for Area {
     type Err = AreaError;
 
     /// `EAST,NORTH,SIZE`: map coordinates of the middle, and the side in metres.
     fn from_str(text: &str) -> Result<Self, AreaError> {
-        let numbers: Vec<f64> = text
-            .split(',')
-            .filter_map(|part| part.trim().parse().ok().filter(|n: &f64| n.is_finite()))
-            .collect();
-        match numbers[..] {
-            [east_m, north_m, size_m] if text.split(',').count() == 3 => {
-                Self::new(MapPoint { east_m, north_m }, size_m)
-            }
-            _ => Err(AreaError::Form { text: text.to_owned() }),
-        }
+        let (middle, size_m) = square(text)?;
+        Self::new(middle, size_m)
     }
 }
 

@@ -32,7 +32,7 @@ pub struct GroundCover {
 pub struct Litters<'a> {
     /// Grass height in metres, and the tallest there can be.
     pub grass_height_m: Option<(&'a Grid<f32>, f32)>,
-    /// Litter, in any unit: the scene's 98th percentile is covered ground.
+    /// Share of the ground under litter.
     pub litterfall: Option<&'a Grid<f32>>,
 }
 
