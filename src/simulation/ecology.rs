@@ -331,13 +331,13 @@ fn gap_dynamics(biome: &Biome) -> Vec<Finding> {
         .collect()
 }
 
-/// Pair correlation at 1 m of ours over that of competition by intersecting circles.
+/// Pair correlation at 1 m of ours over that of competition by intersecting circles, means of four runs.
 ///
 /// # Reference
 /// Kapp et al. 2020, section 7.2 and Fig. 20; Deussen et al. 1998, doi:10.1145/280814.280898.
 fn clustering(biome: &Biome) -> Finding {
     const SIDE_M: usize = 50;
-    let correlation = |competition: Competition| {
+    let correlation = |competition: Competition, seed: u64| {
         let parameters = Parameters { competition, ..Parameters::kapp2020() };
         let trees = rows_of_trees(
             biome,
@@ -348,15 +348,15 @@ fn clustering(biome: &Biome) -> Finding {
         );
         let cells = even(SIDE_M, ground(8.0, 70.0, 16.0));
         let plot = Plot::new([SIDE_M; 2], 1.0, cells, &trees, biome, &parameters);
-        let mut community = Community::new(plot, biome, parameters, 1);
+        let mut community = Community::new(plot, biome, parameters, seed);
         live(&mut community, 120, |_| ());
         pair_correlation(&community, 1.0, 0.25, SIDE_M as f32)
     };
+    let sum = |competition| (1..=4).map(|seed| correlation(competition, seed)).sum::<f64>();
     Finding {
         name: "clustering: pair correlation at 1 m, ours over circles that may not meet",
-        value: correlation(Competition::Resources)
-            / correlation(Competition::Intersection).max(1e-9),
-        low: 1.0,
+        value: sum(Competition::Resources) / sum(Competition::Intersection).max(1e-9),
+        low: 1.05,
         high: f64::INFINITY,
     }
 }

@@ -26,10 +26,10 @@ use crate::rng::{self, Key, Process};
 
 /// Farthest that a plant moves in a sweep, m. chosen: across the categories of gap, and little against a block.
 const MOVE_M: f32 = 1.5;
-/// Sweeps at most. chosen: by then a sweep takes a hundredth off the difference.
-const MOST_SWEEPS: u16 = 40;
+/// Sweeps at most. chosen: by then a sweep takes less than a hundredth off the difference.
+const MOST_SWEEPS: u16 = 60;
 /// A sweep that takes less than this share off the difference is the last. chosen: what it gains is not worth its time.
-const LEAST_GAIN: f64 = 0.01;
+const LEAST_GAIN: f64 = 0.005;
 
 /// A rectangle of a scene, metres from its north-west corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
