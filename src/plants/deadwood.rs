@@ -1,0 +1,279 @@
+//! Deadwood of a scene: snags and downed logs, one array a measure, and what happened to plants.
+
+/// What killed a plant, or brought wood to the ground.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
+)]
+pub enum Cause {
+    /// Old age, and whatever else has nothing to do with stress.
+    Age,
+    /// Too little light or water beside its neighbours, or a place that does not suit it.
+    Competition,
+    /// A season with too little rain.
+    Drought,
+    /// Disease.
+    Disease,
+    /// Fire.
+    Fire,
+    /// Wind.
+    Storm,
+    /// Rot: dead wood that broke or fell.
+    Decay,
+    /// Shade: branches that a living tree gave up.
+    SelfPruning,
+}
+
+impl Cause {
+    /// Every cause, in the order of their numbers.
+    pub const ALL: [Self; 8] = [
+        Self::Age,
+        Self::Competition,
+        Self::Drought,
+        Self::Disease,
+        Self::Fire,
+        Self::Storm,
+        Self::Decay,
+        Self::SelfPruning,
+    ];
+
+    /// The cause's name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Age => "age",
+            Self::Competition => "competition",
+            Self::Drought => "drought",
+            Self::Disease => "disease",
+            Self::Fire => "fire",
+            Self::Storm => "storm",
+            Self::Decay => "decay",
+            Self::SelfPruning => "self-pruning",
+        }
+    }
+}
+
+/// What part of a tree a downed log is.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
+)]
+pub enum DownedLogKind {
+    /// A stem that fell from its stump.
+    Trunk,
+    /// The upper part of a stem that snapped.
+    Top,
+    /// A primary branch.
+    Branch,
+    /// A stem with its root plate.
+    Uprooted,
+}
+
+impl DownedLogKind {
+    /// Every kind, in the order of their numbers.
+    pub const ALL: [Self; 4] = [Self::Trunk, Self::Top, Self::Branch, Self::Uprooted];
+
+    /// The kind's name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Trunk => "trunk",
+            Self::Top => "top",
+            Self::Branch => "branch",
+            Self::Uprooted => "uprooted",
+        }
+    }
+}
+
+/// Snags: dead trees that still stand, stumps included. Struct of arrays, one snag an index.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Snags {
+    /// The id of the tree when it lived.
+    pub id: Vec<u64>,
+    /// Index into the biome's species.
+    pub species: Vec<u16>,
+    /// Metres east of the scene's south-west corner.
+    pub east_m: Vec<f32>,
+    /// Metres north of the scene's south-west corner.
+    pub north_m: Vec<f32>,
+    /// Elevation of the ground.
+    pub z_m: Vec<f32>,
+    /// Height that still stands.
+    pub height_m: Vec<f32>,
+    /// Height at death.
+    pub height_at_death_m: Vec<f32>,
+    /// Diameter at breast height, at death.
+    pub dbh_m: Vec<f32>,
+    /// Years since death.
+    pub years_dead: Vec<f32>,
+    /// Decay class, 1–5 (Peytavie 2024, Table 2).
+    pub decay_class: Vec<u8>,
+    /// Density of its wood over that at death, 0..=1.
+    pub density_fraction: Vec<f32>,
+    /// Share of its primary branches that it still has, 0..=1.
+    pub branch_fraction: Vec<f32>,
+    /// What killed it.
+    pub cause: Vec<Cause>,
+}
+
+/// Downed logs: wood on the ground. Struct of arrays, one log an index.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DownedLogs {
+    /// Stable and unique among the downed logs of a scene.
+    pub id: Vec<u64>,
+    /// The id of the plant that it comes from.
+    pub parent_id: Vec<u64>,
+    /// Index into the biome's species.
+    pub species: Vec<u16>,
+    /// What part of the tree it is.
+    pub kind: Vec<DownedLogKind>,
+    /// Thick end, metres east of the scene's south-west corner.
+    pub east_m: Vec<f32>,
+    /// Thick end, metres north of the scene's south-west corner.
+    pub north_m: Vec<f32>,
+    /// Elevation of the ground at its middle.
+    pub z_m: Vec<f32>,
+    /// Length along the map; ends are `azimuth_rad` apart.
+    pub length_m: Vec<f32>,
+    /// Diameter of the thick end, when it came down.
+    pub diameter_base_m: Vec<f32>,
+    /// Diameter of the thin end, when it came down.
+    pub diameter_tip_m: Vec<f32>,
+    /// Direction from the thick end to the thin one, clockwise from north.
+    pub azimuth_rad: Vec<f32>,
+    /// Years since it came down.
+    pub years_down: Vec<f32>,
+    /// Decay class, 1–5 (Peytavie 2024, Table 2).
+    pub decay_class: Vec<u8>,
+    /// Density of its wood over that at death, 0..=1.
+    pub density_fraction: Vec<f32>,
+    /// What brought it down.
+    pub cause: Vec<Cause>,
+}
+
+impl Snags {
+    /// Number of snags.
+    pub fn len(&self) -> usize {
+        self.id.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.id.is_empty()
+    }
+}
+
+impl DownedLogs {
+    /// Number of downed logs.
+    pub fn len(&self) -> usize {
+        self.id.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.id.is_empty()
+    }
+}
+
+/// Something that happened to a plant.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
+)]
+pub enum LifeEventKind {
+    /// It was there when the simulation began.
+    Present,
+    /// It sprouted.
+    Sprouted,
+    /// It caught a disease; severity is what that takes of its reserves each month.
+    Infected,
+    /// It recovered from a disease.
+    Recovered,
+    /// Fire reached it; severity is the share of it that burnt.
+    Burnt,
+    /// Wind broke branches; severity is their share.
+    BranchesBroken,
+    /// Wind broke its stem; severity is the share of its height that fell.
+    Snapped,
+    /// Wind threw it.
+    Uprooted,
+    /// It died; severity is its chance of death in that year.
+    Died,
+    /// Its dead stem broke; severity is the share of its height that fell.
+    SnagSnapped,
+    /// Its dead stem fell from the stump.
+    SnagFell,
+}
+
+impl LifeEventKind {
+    /// Every kind, in the order of their numbers.
+    pub const ALL: [Self; 11] = [
+        Self::Present,
+        Self::Sprouted,
+        Self::Infected,
+        Self::Recovered,
+        Self::Burnt,
+        Self::BranchesBroken,
+        Self::Snapped,
+        Self::Uprooted,
+        Self::Died,
+        Self::SnagSnapped,
+        Self::SnagFell,
+    ];
+
+    /// The kind's name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Present => "present",
+            Self::Sprouted => "sprouted",
+            Self::Infected => "infected",
+            Self::Recovered => "recovered",
+            Self::Burnt => "burnt",
+            Self::BranchesBroken => "branches-broken",
+            Self::Snapped => "snapped",
+            Self::Uprooted => "uprooted",
+            Self::Died => "died",
+            Self::SnagSnapped => "snag-snapped",
+            Self::SnagFell => "snag-fell",
+        }
+    }
+}
+
+/// A line of the life histories.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct LifeEvent {
+    /// The plant's id.
+    pub plant_id: u64,
+    /// Year of the simulation, from 1; 0 is the state that it began with.
+    pub year: u16,
+    /// Month, 1–12.
+    pub month: u8,
+    /// What happened.
+    pub kind: LifeEventKind,
+    /// How much of it, see [`LifeEventKind`]; 0 where nothing is said.
+    pub severity: f32,
+    /// What caused a death; [`Cause::Age`] where there was none.
+    pub cause: Cause,
+}
+
+/// A species' year.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct TimelineRow {
+    /// Year of the simulation, from 1; 0 is the state that it began with.
+    pub year: u16,
+    /// Index into the biome's species.
+    pub species: u16,
+    /// Live plants at the end of the year.
+    pub live: u32,
+    /// Of them, those with a stem of 7.5 cm and more.
+    pub live_trees: u32,
+    /// Snags.
+    pub snags: u32,
+    /// Downed logs.
+    pub downed_logs: u32,
+    /// Seedlings of the year.
+    pub sprouted: u32,
+    /// Basal area of live stems of 7.5 cm and more, m²/ha.
+    pub live_m2_ha: f32,
+    /// The same of snags that reach breast height.
+    pub snag_m2_ha: f32,
+    /// The same of downed stems: the cross section of their thick ends; branches are left out.
+    pub downed_log_m2_ha: f32,
+    /// Deaths of the year by cause, in the order of [`Cause::ALL`].
+    pub deaths: [u32; 8],
+}
