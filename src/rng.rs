@@ -39,6 +39,18 @@ pub enum Process {
     Germination = 40,
     /// Whether a plant lives through a year.
     PlantDeath = 41,
+    /// Which cells a fire spreads to.
+    Wildfire = 42,
+    /// What a storm does to a tree.
+    StormDamage = 43,
+    /// Who catches a disease.
+    Disease = 44,
+    /// Which years have events that recur.
+    DisturbanceSchedule = 45,
+    /// How a dead stem breaks and falls.
+    SnagDecay = 46,
+    /// Where a branch falls.
+    FallingBranch = 47,
     /// First centres of clusters.
     Clustering = 50,
     /// Number of undergrowth plants in a cell.

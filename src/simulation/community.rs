@@ -7,14 +7,18 @@
 //! with the months' light and water alone. One full growing season counts as a year of idealized age, else plants of short
 //! seasons would never come near the height that their age allows.
 
+use std::ops::Range;
+
+use rayon::iter::Either;
 use rayon::prelude::*;
 
 use super::competition::{Competitor, Shares, TILE_CELLS, Tile};
-use super::germination::{self, Seedling};
+use super::germination::{self, Seedling, Sowing};
 use super::plot::{Disk, Plot};
-use super::traits::Traits;
+use super::traits::{Size, Traits};
 use super::vigor::Offer;
-use super::{Competition, Parameters, carbon_pool, intersection, mortality};
+use super::{Competition, GrowthCurve, Parameters, carbon_pool, intersection, mortality};
+use crate::raster::MONTHS;
 use crate::rng::{self, Key, Process};
 use crate::species::Biome;
 
@@ -29,6 +33,10 @@ pub struct Community {
     year: u16,
     /// Least height at which the canopy begins anywhere.
     lowest_canopy_m: f32,
+    /// Whether plants have stems and crowding: in whole forests.
+    is_whole_forest: bool,
+    /// Added to the ids of seedlings.
+    first_seedling_id: u64,
     /// Unique, never given again.
     pub id: Vec<u64>,
     /// Index into the biome's species.
@@ -45,6 +53,104 @@ pub struct Community {
     pub height_m: Vec<f32>,
     /// Crown radius.
     pub crown_radius_m: Vec<f32>,
+    /// Stem diameter at breast height; empty but in whole forests ([`GrowthCurve::Envelope`]).
+    pub dbh_m: Vec<f32>,
+    /// Mean vigor over the last growing season; empty but in whole forests.
+    pub vigor: Vec<f32>,
+    /// Share of the light over its ground that others take, 0 alone to 1, last year; empty but in whole forests.
+    pub crowding_fraction: Vec<f32>,
+}
+
+/// All that a community is but its plot.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct CommunityState {
+    year: u16,
+    first_seedling_id: u64,
+    id: Vec<u64>,
+    species: Vec<u16>,
+    /// Measures in the order of the community's arrays.
+    measures: [Vec<f32>; 9],
+}
+
+/// What befalls plants from outside in a year: nothing, unless told.
+#[derive(Clone, Copy, Default)]
+pub struct Circumstances<'a> {
+    /// Whether a decaying log lies on each simulation cell; empty where there is none.
+    pub downed_logs: &'a [bool],
+    /// What plants lose of their pools month by month; empty where none does.
+    pub losses: &'a Losses,
+}
+
+/// What some plants lose of their carbon pools by month, in months of the best vigor.
+#[derive(Clone, Debug, Default)]
+pub struct Losses {
+    /// Index into `by_month` and 1, or 0 for plants that lose nothing; empty if none does.
+    pub of_plant: Vec<u32>,
+    /// January first.
+    pub by_month: Vec<[f32; MONTHS]>,
+}
+
+static NO_LOSSES: Losses = Losses { of_plant: Vec::new(), by_month: Vec::new() };
+
+impl Default for &Losses {
+    fn default() -> Self {
+        &NO_LOSSES
+    }
+}
+
+impl Losses {
+    /// Adds to what a plant of `plants` loses in a month.
+    pub fn add(&mut self, plants: usize, plant: usize, month_index: usize, loss: f32) {
+        self.of_plant.resize(plants, 0);
+        if self.of_plant[plant] == 0 {
+            self.by_month.push([0.0; MONTHS]);
+            self.of_plant[plant] = self.by_month.len() as u32; // no more than plants
+        }
+        self.by_month[self.of_plant[plant] as usize - 1][month_index] += loss;
+    }
+
+    fn of(&self, plant: usize) -> [f32; MONTHS] {
+        match self.of_plant.get(plant) {
+            None | Some(0) => [0.0; MONTHS],
+            Some(index) => self.by_month[*index as usize - 1],
+        }
+    }
+}
+
+/// What months of growth lead to at the end of the year.
+#[derive(Clone, Debug, Default)]
+pub struct Season {
+    /// The least that each plant's pool held at the end of a month.
+    pub lowest_pool: Vec<f32>,
+    /// Seedlings of the year.
+    seedlings: Vec<Seedling>,
+}
+
+/// A plant that died.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeadPlant {
+    /// Its id.
+    pub id: u64,
+    /// Its species.
+    pub species: u16,
+    /// Metres east.
+    pub east_m: f32,
+    /// Metres south.
+    pub south_m: f32,
+    /// Height.
+    pub height_m: f32,
+    /// Crown radius.
+    pub crown_radius_m: f32,
+    /// Stem diameter at breast height.
+    pub dbh_m: f32,
+    /// Share of the light over its ground that others took.
+    pub crowding_fraction: f32,
+    /// Its chance of death within the year; 1 if it was struck.
+    pub death_probability_per_year: f32,
+    /// Whether it would have died without stress.
+    pub is_of_age: bool,
+    /// Index that it had when the year's deaths were drawn.
+    pub index: u32,
 }
 
 /// What a year did.
@@ -75,10 +181,20 @@ struct Survivor {
     size_m: [f32; 2],
 }
 
+/// What a year left of a plant's size.
+#[derive(Clone, Copy, Debug)]
+struct GrownSize {
+    size_m: Size,
+    vigor: f32,
+    crowding_fraction: f32,
+}
+
 /// A tile's year.
 struct TileYear {
     /// Plants whose crowns lie wholly in it.
     grown: Vec<Grown>,
+    /// Their sizes, in whole forests.
+    sizes: Vec<GrownSize>,
     /// Shares here of plants that reach into other tiles.
     parts: Vec<(u32, Shares)>,
     seedlings: Vec<Seedling>,
@@ -89,7 +205,9 @@ impl Community {
     pub fn new(plot: Plot, biome: &Biome, parameters: Parameters, seed: u64) -> Self {
         Self {
             traits: Traits::of(biome, &parameters),
-            lowest_canopy_m: plot.canopy.iter().map(|c| c.base_m).fold(f32::INFINITY, f32::min),
+            lowest_canopy_m: plot.lowest_canopy_m(),
+            is_whole_forest: parameters.growth == GrowthCurve::Envelope,
+            first_seedling_id: 0,
             plot,
             parameters,
             seed,
@@ -102,7 +220,15 @@ impl Community {
             carbon_pool: Vec::new(),
             height_m: Vec::new(),
             crown_radius_m: Vec::new(),
+            dbh_m: Vec::new(),
+            vigor: Vec::new(),
+            crowding_fraction: Vec::new(),
         }
+    }
+
+    /// Lets ids of seedlings begin at `first_id`.
+    pub fn set_first_seedling_id(&mut self, first_id: u64) {
+        self.first_seedling_id = first_id;
     }
 
     /// Number of live plants.
@@ -117,17 +243,13 @@ impl Community {
 
     /// Memory that the plants take, with what their arrays have room for.
     pub fn plant_bytes(&self) -> usize {
-        let measures = [
-            &self.east_m,
-            &self.south_m,
-            &self.idealized_age_years,
-            &self.carbon_pool,
-            &self.height_m,
-            &self.crown_radius_m,
-        ];
         self.id.capacity() * size_of::<u64>()
             + self.species.capacity() * size_of::<u16>()
-            + measures.iter().map(|values| values.capacity() * size_of::<f32>()).sum::<usize>()
+            + self
+                .measures()
+                .iter()
+                .map(|values| values.capacity() * size_of::<f32>())
+                .sum::<usize>()
     }
 
     /// Years simulated.
@@ -138,6 +260,73 @@ impl Community {
     /// The ground.
     pub fn plot(&self) -> &Plot {
         &self.plot
+    }
+
+    /// The ground, to change what it offers.
+    pub fn plot_mut(&mut self) -> &mut Plot {
+        &mut self.plot
+    }
+
+    /// What each species asks for.
+    pub(super) fn traits(&self, species: u16) -> &Traits {
+        &self.traits[usize::from(species)]
+    }
+
+    /// What each species asks for, in the biome's order.
+    pub(super) fn all_traits(&self) -> &[Traits] {
+        &self.traits
+    }
+
+    /// All that it is but its plot.
+    pub fn state(&self) -> CommunityState {
+        CommunityState {
+            year: self.year,
+            first_seedling_id: self.first_seedling_id,
+            id: self.id.clone(),
+            species: self.species.clone(),
+            measures: self.measures().map(Clone::clone),
+        }
+    }
+
+    /// Goes on from a state. Gives whether it can be one.
+    pub fn set_state(&mut self, state: CommunityState) -> bool {
+        let plants = state.id.len();
+        let is_whole = state.species.len() == plants
+            && state.species.iter().all(|species| usize::from(*species) < self.traits.len())
+            && state.measures[..6].iter().all(|values| values.len() == plants)
+            && state.measures[6..]
+                .iter()
+                .all(|values| values.len() == if self.is_whole_forest { plants } else { 0 });
+        if is_whole {
+            (self.year, self.first_seedling_id) = (state.year, state.first_seedling_id);
+            (self.id, self.species) = (state.id, state.species);
+            [
+                self.east_m,
+                self.south_m,
+                self.idealized_age_years,
+                self.carbon_pool,
+                self.height_m,
+                self.crown_radius_m,
+                self.dbh_m,
+                self.vigor,
+                self.crowding_fraction,
+            ] = state.measures;
+        }
+        is_whole
+    }
+
+    fn measures(&self) -> [&Vec<f32>; 9] {
+        [
+            &self.east_m,
+            &self.south_m,
+            &self.idealized_age_years,
+            &self.carbon_pool,
+            &self.height_m,
+            &self.crown_radius_m,
+            &self.dbh_m,
+            &self.vigor,
+            &self.crowding_fraction,
+        ]
     }
 
     /// Adds a plant of an idealized age, its reserves full.
@@ -151,16 +340,33 @@ impl Community {
         self.carbon_pool.push(self.parameters.pool_capacity);
         self.height_m.push(height_m);
         self.crown_radius_m.push(crown_radius_m);
+        if self.is_whole_forest {
+            let traits = &self.traits[usize::from(species)];
+            self.dbh_m.push(traits.envelope_size_m(age_years, 1.0)[2]);
+            self.vigor.push(0.0);
+            self.crowding_fraction.push(0.0);
+        }
     }
 
     /// Lives through a year: twelve months of growth, then deaths, then seedlings for the next.
     pub fn live_a_year(&mut self) -> YearFigures {
-        self.year += 1;
+        self.begin_year();
         let plants = self.len();
-        let (seedlings, lowest_pool) = self.grow();
-        let deaths = self.die(&lowest_pool);
-        self.add(&seedlings);
-        YearFigures { plants, deaths, sprouted: seedlings.len() }
+        let mut season = Season::default();
+        self.grow(0..MONTHS, &Circumstances::default(), &mut season);
+        let deaths = self.die(&season.lowest_pool, &[]).len();
+        YearFigures { plants, deaths, sprouted: self.sprout(season) }
+    }
+
+    /// Begins a year; [`Community::grow`] through its months, [`Community::die`] and [`Community::sprout`] are its rest.
+    pub fn begin_year(&mut self) {
+        self.year += 1;
+    }
+
+    /// Adds a season's seedlings and gives their number.
+    pub fn sprout(&mut self, season: Season) -> usize {
+        self.add(&season.seedlings);
+        season.seedlings.len()
     }
 
     /// Adds seedlings as [`Community::plant`] would, each measure by itself.
@@ -178,16 +384,23 @@ impl Community {
             measures.spawn(|_| self.height_m.extend(seedlings.iter().map(|s| size(s)[0])));
             measures.spawn(|_| self.crown_radius_m.extend(seedlings.iter().map(|s| size(s)[1])));
         });
+        if self.is_whole_forest {
+            self.dbh_m.resize(self.id.len(), 0.0);
+            self.vigor.resize(self.id.len(), 0.0);
+            self.crowding_fraction.resize(self.id.len(), 0.0);
+        }
     }
 
-    /// Twelve months of growth under competition; gives the year's seedlings, and how low each plant's carbon pool fell.
-    fn grow(&mut self) -> (Vec<Seedling>, Vec<f32>) {
+    /// Months of growth under competition, by number from 0; those with December give the year's seedlings.
+    ///
+    /// Crowns enter the grid as they are; in whole forests plants are as large afterwards as they have grown.
+    pub fn grow(&mut self, months: Range<usize>, around: &Circumstances, season: &mut Season) {
         let tiles = Tile::all(&self.plot);
         let by_tile = self.by_tile(tiles.len());
         let mut years: Vec<TileYear> = tiles
             .par_iter()
             .zip(by_tile)
-            .map(|(tile, plants)| self.tile_year(*tile, plants))
+            .map(|(tile, plants)| self.tile_year(*tile, plants, &months, around))
             .collect();
 
         // crowns over several tiles: their shares are added up in the order of tiles
@@ -199,24 +412,52 @@ impl Community {
         let together = parts.par_chunk_by(|a, b| a.0 == b.0).map(|parts| {
             let mut shares = parts[0].1;
             parts[1..].iter().for_each(|(_, part)| shares.add(part));
-            self.grown(parts[0].0, &shares)
+            self.grown(parts[0].0, &shares, &months, around)
         });
-        let together: Vec<Grown> = together.collect();
+        let (together, sizes): (Vec<Grown>, Vec<Option<GrownSize>>) = together.unzip();
+        years.push(TileYear {
+            grown: together,
+            sizes: sizes.into_iter().flatten().collect(),
+            parts: Vec::new(),
+            seedlings: Vec::new(),
+        });
 
-        let seedlings = years.iter_mut().flat_map(|year| std::mem::take(&mut year.seedlings));
-        let seedlings: Vec<Seedling> = seedlings.collect();
-        let grown = || years.iter().flat_map(|year| &year.grown).chain(&together);
+        season.seedlings =
+            years.iter_mut().flat_map(|year| std::mem::take(&mut year.seedlings)).collect();
+        let grown = || years.iter().flat_map(|year| &year.grown);
         let set = |values: &mut [f32], of: fn(&Grown) -> f32| {
             grown().for_each(|grown| values[grown.plant as usize] = of(grown));
         };
-        let mut lowest_pool = vec![0.0; self.id.len()];
+        season.lowest_pool.resize(self.id.len(), f32::INFINITY);
         rayon::scope(|measures| {
             measures
                 .spawn(|_| set(&mut self.idealized_age_years, |grown| grown.idealized_age_years));
             measures.spawn(|_| set(&mut self.carbon_pool, |grown| grown.carbon_pool));
-            measures.spawn(|_| set(&mut lowest_pool, |grown| grown.lowest_pool));
+            measures.spawn(|_| {
+                grown().for_each(|grown| {
+                    let lowest = &mut season.lowest_pool[grown.plant as usize];
+                    *lowest = lowest.min(grown.lowest_pool);
+                });
+            });
         });
-        (seedlings, lowest_pool)
+        if !self.is_whole_forest {
+            return;
+        }
+        let measured = || {
+            years.iter().flat_map(|year| {
+                year.grown.iter().map(|grown| grown.plant as usize).zip(&year.sizes)
+            })
+        };
+        let measure = |values: &mut [f32], of: fn(&GrownSize) -> f32| {
+            measured().for_each(|(plant, size)| values[plant] = of(size));
+        };
+        rayon::scope(|measures| {
+            measures.spawn(|_| measure(&mut self.height_m, |size| size.size_m[0]));
+            measures.spawn(|_| measure(&mut self.crown_radius_m, |size| size.size_m[1]));
+            measures.spawn(|_| measure(&mut self.dbh_m, |size| size.size_m[2]));
+            measures.spawn(|_| measure(&mut self.vigor, |size| size.vigor));
+            measures.spawn(|_| measure(&mut self.crowding_fraction, |size| size.crowding_fraction));
+        });
     }
 
     /// Plants that reach into each tile.
@@ -281,7 +522,13 @@ impl Community {
         }
     }
 
-    fn tile_year(&self, tile: Tile, mut plants: Vec<u32>) -> TileYear {
+    fn tile_year(
+        &self,
+        tile: Tile,
+        mut plants: Vec<u32>,
+        months: &Range<usize>,
+        around: &Circumstances,
+    ) -> TileYear {
         self.sort_by_height(&mut plants);
         let competitor = |plant: &u32| Competitor {
             disk: self.disk(*plant as usize),
@@ -289,20 +536,62 @@ impl Community {
         };
         let competitors: Vec<Competitor> = plants.iter().map(competitor).collect();
         let (shares, cells) = tile.compete(&self.plot, &self.traits, &competitors);
-        let (mut grown, mut parts) = (Vec::with_capacity(plants.len()), Vec::new());
+        let mut year = TileYear {
+            grown: Vec::with_capacity(plants.len()),
+            sizes: Vec::new(),
+            parts: Vec::new(),
+            seedlings: Vec::new(),
+        };
         for (plant, shares) in plants.iter().zip(&shares) {
             if self.is_of_one_tile(*plant as usize) {
-                grown.push(self.grown(*plant, shares));
+                let (grown, size) = self.grown(*plant, shares, months, around);
+                year.grown.push(grown);
+                year.sizes.extend(size);
             } else {
-                parts.push((*plant, *shares));
+                year.parts.push((*plant, *shares));
             }
         }
-        let seedlings = germination::sprout(&cells, &self.plot, &self.traits, self.seed, self.year);
-        TileYear { grown, parts, seedlings }
+        if months.end == MONTHS {
+            let sowing = Sowing {
+                plot: &self.plot,
+                traits: &self.traits,
+                parameters: &self.parameters,
+                downed_logs: around.downed_logs,
+                seed: self.seed,
+                year: self.year,
+                first_id: self.first_seedling_id,
+            };
+            let trunks = self.trunks(tile, &plants);
+            year.seedlings = germination::sprout(&cells, &trunks, &sowing);
+        }
+        year
     }
 
-    /// Twelve months of a plant on its shares.
-    fn grown(&self, plant: u32, shares: &Shares) -> Grown {
+    /// Whether a trunk stands in each cell of a tile; empty but in whole forests.
+    fn trunks(&self, tile: Tile, plants: &[u32]) -> Vec<bool> {
+        if !self.is_whole_forest {
+            return Vec::new();
+        }
+        let mut trunks = vec![false; tile.rows * tile.cols];
+        for plant in plants {
+            let plant = *plant as usize;
+            let [row, col] = self.plot.cell_at(self.east_m[plant], self.south_m[plant]);
+            let (row, col) = (row.wrapping_sub(tile.row), col.wrapping_sub(tile.col));
+            if row < tile.rows && col < tile.cols {
+                trunks[row * tile.cols + col] = true;
+            }
+        }
+        trunks
+    }
+
+    /// Months of a plant on its shares; its size and crowding in whole forests.
+    fn grown(
+        &self,
+        plant: u32,
+        shares: &Shares,
+        months: &Range<usize>,
+        around: &Circumstances,
+    ) -> (Grown, Option<GrownSize>) {
         let index = plant as usize;
         let traits = &self.traits[usize::from(self.species[index])];
         let [row, col] = self.plot.cell_at(self.east_m[index], self.south_m[index]);
@@ -310,20 +599,43 @@ impl Community {
         let (light, per_cell) = (shares.light / shares.cells, 1.0 / shares.cells);
         let mut water_mm = shares.water_mm;
         water_mm.iter_mut().for_each(|mm| *mm *= per_cell);
-        let vigor = Offer::new(ground, light, water_mm).vigor(traits);
-        let (mut pool, mut age_years) = (self.carbon_pool[index], self.idealized_age_years[index]);
+        let mut vigor = Offer::new(ground, light, water_mm).vigor(traits);
+        let before_years = self.idealized_age_years[index];
+        let (mut pool, mut age_years) = (self.carbon_pool[index], before_years);
         let mut lowest_pool = f32::INFINITY;
-        for (vigor, years) in vigor.into_iter().zip(traits.years_a_month) {
+        let mean_vigor = if self.is_whole_forest {
+            let season = traits.years_a_month;
+            let mean = vigor.iter().zip(season).map(|(vigor, share)| vigor * share).sum::<f32>();
+            let losses = around.losses.of(index);
+            vigor.iter_mut().zip(losses).for_each(|(vigor, loss)| *vigor -= loss);
+            mean
+        } else {
+            0.0
+        };
+        let months = months.clone();
+        for (vigor, years) in vigor[months.clone()].iter().zip(&traits.years_a_month[months]) {
             let overflow;
-            (pool, overflow) = carbon_pool::after_month(pool, vigor, self.parameters.pool_capacity);
+            (pool, overflow) =
+                carbon_pool::after_month(pool, *vigor, self.parameters.pool_capacity);
             age_years += overflow * years;
             lowest_pool = if pool < lowest_pool { pool } else { lowest_pool };
         }
-        Grown { plant, idealized_age_years: age_years, carbon_pool: pool, lowest_pool }
+        let size = self.is_whole_forest.then(|| {
+            let open = shares.cells * traits.passed_light_fraction;
+            let crowding_fraction = (1.0 - shares.light_left / open).clamp(0.0, 1.0);
+            let from = traits.envelope_size_m(before_years, crowding_fraction);
+            let to = traits.envelope_size_m(age_years, crowding_fraction);
+            let now = [self.height_m[index], self.crown_radius_m[index], self.dbh_m[index]];
+            let size_m = std::array::from_fn(|measure| {
+                now[measure] + (to[measure] - from[measure]).max(0.0)
+            });
+            GrownSize { size_m, vigor: mean_vigor, crowding_fraction }
+        });
+        (Grown { plant, idealized_age_years: age_years, carbon_pool: pool, lowest_pool }, size)
     }
 
-    /// The yearly test of death, and the end of what has reached the canopy; gives the number of deaths.
-    fn die(&mut self, lowest_pool: &[f32]) -> usize {
+    /// The yearly test of death, and the end of what has reached the canopy. Plants that were `struck` die as well.
+    pub fn die(&mut self, lowest_pool: &[f32], struck: &[bool]) -> Vec<DeadPlant> {
         let before = self.len();
         let dominated = match self.parameters.competition {
             Competition::Resources => Vec::new(),
@@ -332,12 +644,18 @@ impl Community {
                 intersection::dominated(&disks, &self.height_m, &self.id)
             }
         };
-        let is_dominated = |plant: u32| dominated.get(plant as usize) == Some(&true);
+        let is_struck = |plant: u32| {
+            let is_true = |of: &[bool]| of.get(plant as usize) == Some(&true);
+            is_true(&dominated) || is_true(struck)
+        };
         let plants = (0..before as u32).into_par_iter(); // far fewer than 2³²
-        let survivors: Vec<Survivor> = plants
-            .filter(|plant| !is_dominated(*plant))
-            .filter_map(|plant| self.survivor(plant, lowest_pool[plant as usize]))
-            .collect();
+        let (survivors, dead): (Vec<Survivor>, Vec<DeadPlant>) = plants.partition_map(|plant| {
+            if is_struck(plant) {
+                Either::Right(self.dead(plant, 1.0, false))
+            } else {
+                self.survivor(plant, lowest_pool[plant as usize])
+            }
+        });
         rayon::scope(|measures| {
             measures.spawn(|_| keep(&mut self.id, &survivors));
             measures.spawn(|_| keep(&mut self.species, &survivors));
@@ -349,27 +667,59 @@ impl Community {
             measures.spawn(|_| {
                 replace(&mut self.crown_radius_m, survivors.iter().map(|s| s.size_m[1]))
             });
+            if self.is_whole_forest {
+                measures.spawn(|_| keep(&mut self.dbh_m, &survivors));
+                measures.spawn(|_| keep(&mut self.vigor, &survivors));
+                measures.spawn(|_| keep(&mut self.crowding_fraction, &survivors));
+            }
         });
-        before - self.len()
+        dead
+    }
+
+    fn dead(&self, plant: u32, death_probability_per_year: f32, is_of_age: bool) -> DeadPlant {
+        let index = plant as usize;
+        let of_forest = |values: &[f32]| values.get(index).copied().unwrap_or_default();
+        DeadPlant {
+            id: self.id[index],
+            species: self.species[index],
+            east_m: self.east_m[index],
+            south_m: self.south_m[index],
+            height_m: self.height_m[index],
+            crown_radius_m: self.crown_radius_m[index],
+            dbh_m: of_forest(&self.dbh_m),
+            crowding_fraction: of_forest(&self.crowding_fraction),
+            death_probability_per_year,
+            is_of_age,
+            index: plant,
+        }
     }
 
     /// A plant with the size it has grown to, if it lives on.
-    fn survivor(&self, plant: u32, lowest_pool: f32) -> Option<Survivor> {
+    fn survivor(&self, plant: u32, lowest_pool: f32) -> Either<Survivor, DeadPlant> {
         let index = plant as usize;
         let traits = &self.traits[usize::from(self.species[index])];
         let background = traits.background_death_probability_per_year;
         let chance = mortality::death_probability_per_year(background, lowest_pool);
         let (seed, entity) = (self.seed, self.id[index]);
         let key = Key { seed, process: Process::PlantDeath, year: self.year, month: 0, entity };
-        if chance >= 1.0 || rng::uniforms(key)[0] < chance {
-            return None;
+        let draw = rng::uniforms(key)[0];
+        if chance >= 1.0 || draw < chance {
+            return Either::Right(self.dead(plant, chance, draw < background));
+        }
+        if self.is_whole_forest {
+            let size_m = [self.height_m[index], self.crown_radius_m[index]];
+            return Either::Left(Survivor { plant, size_m });
         }
         let size_m = traits.size_m(self.idealized_age_years[index]);
         let is_below_canopy = size_m[0] < self.lowest_canopy_m || {
             let [row, col] = self.plot.cell_at(self.east_m[index], self.south_m[index]);
-            size_m[0] < self.plot.canopy[row * self.plot.cols + col].base_m
+            size_m[0] < self.plot.canopy_at(row * self.plot.cols + col).base_m
         };
-        is_below_canopy.then_some(Survivor { plant, size_m })
+        if is_below_canopy {
+            Either::Left(Survivor { plant, size_m })
+        } else {
+            Either::Right(self.dead(plant, 1.0, false))
+        }
     }
 }
 

@@ -36,6 +36,8 @@ pub struct Shares {
     pub water_mm: [f32; MONTHS],
     /// Number of cells.
     pub cells: f32,
+    /// Share of the light that reaches the ground under it.
+    pub light_left: f32,
 }
 
 impl Shares {
@@ -44,6 +46,7 @@ impl Shares {
         self.light += other.light;
         self.water_mm.iter_mut().zip(other.water_mm).for_each(|(sum, mm)| *sum += mm);
         self.cells += other.cells;
+        self.light_left += other.light_left;
     }
 }
 
@@ -171,9 +174,8 @@ impl CellStates {
     fn under_canopy(tile: Tile, plot: &Plot) -> Self {
         let mut cells = Vec::with_capacity(tile.rows * tile.cols);
         for row in tile.row..tile.row + tile.rows {
-            let canopy = &plot.canopy[row * plot.cols..(row + 1) * plot.cols];
             cells.extend((tile.col..tile.col + tile.cols).map(|col| CellState {
-                light: canopy[col].light_fraction,
+                light: plot.canopy_at(row * plot.cols + col).light_fraction,
                 taken_mm: 0.0,
                 sharers: 1.0,
                 ground: plot.ground_of(row, col) as u32, // plots have fewer cells
@@ -202,24 +204,25 @@ impl CellStates {
                 cell.sharers += 1.0;
             }
         }
-        Shares { light, water_mm, cells }
+        Shares { light, water_mm, cells, light_left: 0.0 }
     }
 
     /// Adds a plant's share of the water that is left when all have taken theirs.
     #[inline]
     fn share_the_rest(&self, plot: &Plot, runs: &[Run], got: &mut Shares) {
-        let mut sums = got.water_mm;
+        let (mut sums, mut light_left) = (got.water_mm, 0.0);
         for run in runs {
             let first = usize::from(run.first);
             for cell in &self.cells[first..first + usize::from(run.count)] {
                 let moisture_mm = &plot.ground[cell.ground as usize].moisture_mm;
                 let share = 1.0 / cell.sharers;
+                light_left += cell.light;
                 for (sum, there_mm) in sums.iter_mut().zip(moisture_mm) {
                     *sum += (there_mm - cell.taken_mm).max(0.0) * share;
                 }
             }
         }
-        got.water_mm = sums;
+        (got.water_mm, got.light_left) = (sums, light_left);
     }
 
     /// Light that reaches the ground of a cell, as a share.

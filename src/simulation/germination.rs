@@ -4,6 +4,7 @@
 //! Kapp et al. 2020, section 6.1, Eq. 4, doi:10.1145/3414685.3417848.
 
 use super::competition::CellStates;
+use super::parameters::{Parameters, Seeding};
 use super::plot::Plot;
 use super::traits::Traits;
 use super::vigor::{Limits, Offer};
@@ -22,14 +23,27 @@ pub struct Seedling {
     pub south_m: f32,
 }
 
+/// Where and when seeds sprout.
+#[derive(Clone, Copy)]
+pub struct Sowing<'a> {
+    pub plot: &'a Plot,
+    pub traits: &'a [Traits],
+    pub parameters: &'a Parameters,
+    /// Whether a decaying log lies on each cell of the plot; empty where there is none.
+    pub downed_logs: &'a [bool],
+    pub seed: u64,
+    pub year: u16,
+    /// Added to the ids of seedlings.
+    pub first_id: u64,
+}
+
 /// The seedlings of a tile's cells in a year.
-pub fn sprout(
-    cells: &CellStates,
-    plot: &Plot,
-    traits: &[Traits],
-    seed: u64,
-    year: u16,
-) -> Vec<Seedling> {
+///
+/// # Reference
+/// Peytavie et al. 2024, section 5.1, where seeds lie everywhere: a cell with a trunk has none; a seed that is drawn
+/// sprouts with the best vigor of all species; α counts where a decaying log lies.
+pub fn sprout(cells: &CellStates, trunks: &[bool], sowing: &Sowing) -> Vec<Seedling> {
+    let Sowing { plot, traits, parameters, seed, year, .. } = *sowing;
     let tile = cells.tile();
     let mut candidates = Candidates::of(traits);
     let mut draws = Vec::with_capacity(tile.cols);
@@ -46,15 +60,37 @@ pub fn sprout(
         for (col, [chance, choice, across, down]) in (tile.col..).zip(draws.iter().copied()) {
             let cell = (row - tile.row) * tile.cols + col - tile.col;
             let seeds = plot.seeds[cells.ground_at(cell)];
-            if chance >= seeds.chance_per_year {
+            let mut nursed = false;
+            let chance_per_year = match parameters.seeding {
+                Seeding::CanopyTrees => seeds.chance_per_year,
+                Seeding::Everywhere { .. } if trunks[cell] => 0.0,
+                Seeding::Everywhere { chance_on_downed_logs_per_year } => {
+                    nursed = sowing.downed_logs.get(row * plot.cols + col) == Some(&true);
+                    let chance = if nursed {
+                        chance_on_downed_logs_per_year
+                    } else {
+                        parameters.seed_chance_per_year
+                    };
+                    seeds.chance_per_year * chance
+                }
+            };
+            if chance >= chance_per_year {
                 continue;
             }
             let ground = &plot.ground[cells.ground_at(cell)];
             let offer = Offer::new(ground, cells.light_at(cell), cells.seed_water_mm(cell, plot));
             candidates.find(&offer, seeds.sub_biomes);
-            let Some(species) = candidates.choose(&offer, traits, choice) else { continue };
+            let species = match parameters.seeding {
+                Seeding::CanopyTrees => candidates.choose(&offer, traits, choice),
+                // of those that are below it, the draw is uniform up to the chance
+                Seeding::Everywhere { .. } => {
+                    let acceptance = chance / chance_per_year;
+                    candidates.choose_where_it_thrives(&offer, traits, nursed, acceptance, choice)
+                }
+            };
+            let Some(species) = species else { continue };
             seedlings.push(Seedling {
-                id: u64::from(year) << 32 | (row * plot.cols + col) as u64,
+                id: sowing.first_id + (u64::from(year) << 32 | (row * plot.cols + col) as u64),
                 species,
                 east_m: (col as f32 + across) * plot.cell_m,
                 south_m: (row as f32 + down) * plot.cell_m,
@@ -123,6 +159,37 @@ impl Candidates {
         let weigh = |place: usize| weight(offer, &traits[usize::from(species(place))]);
         roulette(&self.weight_at_most, choice, &mut self.sums, weigh).map(species)
     }
+
+    /// One of those found, each as likely as its weight, if `acceptance` is below the best vigor of all.
+    ///
+    /// # Reference
+    /// Peytavie et al. 2024, section 5.1, Germination, and Eq. 5: w = max(α v̄ / ℓ^β, 0).
+    /// # Departures
+    /// α is a preference for decaying wood: off it, it is 1.
+    fn choose_where_it_thrives(
+        &mut self,
+        offer: &Offer,
+        traits: &[Traits],
+        nursed: bool,
+        acceptance: f32,
+        choice: f32,
+    ) -> Option<u16> {
+        self.sums.clear();
+        let (mut total, mut best) = (0.0, 0.0_f32);
+        for place in &self.found {
+            let traits = &traits[usize::from(self.all[usize::from(*place)].species)];
+            let vigor = season_vigor(offer, traits);
+            best = best.max(vigor);
+            let alpha = if nursed { traits.downed_log_seeding_multiplier } else { 1.0 };
+            total += (alpha * vigor * traits.seed_weight).max(0.0);
+            self.sums.push(total);
+        }
+        if acceptance >= best {
+            return None;
+        }
+        let chosen = self.sums.partition_point(|sum| *sum <= choice * total);
+        self.found.get(chosen).map(|place| self.all[usize::from(*place)].species)
+    }
 }
 
 /// How likely a species is among those that sprout: its mean vigor over the growing season on what plants leave to seeds,
@@ -132,13 +199,18 @@ impl Candidates {
 /// Kapp et al. 2020, Eq. 4: w = max(0, v̄ / m^β).
 #[inline]
 fn weight(offer: &Offer, traits: &Traits) -> f32 {
+    (season_vigor(offer, traits) * traits.seed_weight).max(0.0)
+}
+
+/// Mean vigor over the growing season.
+#[inline]
+fn season_vigor(offer: &Offer, traits: &Traits) -> f32 {
     let by_month = offer.vigor(traits);
     // years a month are equal within the season, 0 outside, and 1 together
     let in_season = |month: usize| by_month[month] * traits.years_a_month[month];
     let quarters: [f32; 4] =
         std::array::from_fn(|month| in_season(month) + in_season(month + 4) + in_season(month + 8));
-    let mean = (quarters[0] + quarters[1]) + (quarters[2] + quarters[3]);
-    (mean * traits.seed_weight).max(0.0)
+    (quarters[0] + quarters[1]) + (quarters[2] + quarters[3])
 }
 
 /// An index, each as likely as its weight; none if all are 0.

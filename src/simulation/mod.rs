@@ -15,7 +15,10 @@
 pub mod carbon_pool;
 pub mod community;
 mod competition;
+pub mod deadwood;
+pub mod disturbance;
 pub mod ecology;
+pub mod forest;
 mod germination;
 mod intersection;
 pub mod mortality;

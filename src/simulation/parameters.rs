@@ -16,6 +16,22 @@ pub enum GrowthCurve {
     Smoothstep,
     /// Saturating (Peytavie 2024, Eq. 2), as the species file has it.
     Saturating,
+    /// Saturating, and between the laws of plants grown alone and among others, as crowded as a plant is
+    /// (Peytavie 2024, Eqs. 1–2): height, crown radius and stem diameter.
+    Envelope,
+}
+
+/// Where seeds come from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Seeding {
+    /// From the trees of a fixed canopy, each of its sub-biome (Kapp 2020).
+    CanopyTrees,
+    /// From a bank of seeds of all species that lies everywhere (Peytavie 2024): a cell without a trunk has
+    /// [`Parameters::seed_chance_per_year`], and where a decaying log lies this chance a year.
+    Everywhere {
+        /// γ of cells with decaying logs.
+        chance_on_downed_logs_per_year: f32,
+    },
 }
 
 /// How plants compete.
@@ -45,6 +61,8 @@ pub struct Parameters {
     pub seed_chance_per_year: f32,
     /// Most that the chances of all trees near add up to.
     pub most_seed_chance_per_year: f32,
+    /// Where seeds come from.
+    pub seeding: Seeding,
     /// How plants compete.
     pub competition: Competition,
     /// Distance up to which that chance holds, in crown radii of the tree.
@@ -71,6 +89,7 @@ impl Parameters {
             open_limit_m: 3.0,
             seed_chance_per_year: 0.003,
             most_seed_chance_per_year: 1.0,
+            seeding: Seeding::CanopyTrees,
             competition: Competition::Resources,
             seed_flat_radii: 4.0,
             seed_reach_radii: 12.0,
@@ -90,14 +109,15 @@ impl Parameters {
     ///
     /// # Reference
     /// Peytavie et al. 2024, section 5, and what their program ran (PAPER_NOTES §7, §10): cells of 50 cm, a pool of 1,
-    /// germination of 0.005 per cell and year.
+    /// germination of 0.005 per cell and year, 0.0279 on logs.
     pub fn peytavie2024() -> Self {
         Self {
             cell_m: 0.5,
             pool_capacity: 1.0,
-            growth: GrowthCurve::Saturating,
+            growth: GrowthCurve::Envelope,
             open_limit_m: f32::INFINITY,
             seed_chance_per_year: 0.005,
+            seeding: Seeding::Everywhere { chance_on_downed_logs_per_year: 0.0279 },
             ..Self::kapp2020()
         }
     }

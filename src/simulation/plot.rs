@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::Parameters;
+use super::parameters::{Parameters, Seeding};
 use super::seedbank::{self, Seeds};
 use crate::abiotics::AbioticMaps;
 use crate::plants::{Layer, Plants};
-use crate::raster::{Frame, MONTHS};
+use crate::raster::{Frame, Grid, MONTHS, MonthlyGrid};
 use crate::species::Biome;
 
 /// What a terrain cell offers, month by month from January.
@@ -86,13 +86,59 @@ pub struct Plot {
     pub(super) ground: Vec<GroundCell>,
     /// Seeds by terrain cell.
     pub(super) seeds: Vec<Seeds>,
-    /// Canopy by simulation cell.
-    pub(super) canopy: Vec<CanopyCell>,
+    /// Canopy by simulation cell; empty where there is none.
+    canopy: Vec<CanopyCell>,
     /// Row of the terrain cell that the middle of each simulation row lies in.
     pub(super) ground_row: Vec<usize>,
     /// The same of columns.
     pub(super) ground_col: Vec<usize>,
     ground_cols: usize,
+    ground_cell_m: f32,
+}
+
+/// A frame's cells joined to ground cells.
+struct Joined {
+    /// Cells of the frame on each side of a ground cell.
+    side: usize,
+    rows: usize,
+    cols: usize,
+    cell_m: f32,
+    frame_rows: usize,
+    frame_cols: usize,
+}
+
+/// Least width of ground cells. Peytavie 2024, section 5.1: 1–3 m.
+const LEAST_GROUND_CELL_M: f32 = 2.0;
+
+impl Joined {
+    fn of(frame: &Frame) -> Self {
+        let cell_m = frame.cell_m();
+        // 1.9 m cells are two metres wide enough
+        let side = (LEAST_GROUND_CELL_M / cell_m - 0.1).ceil().max(1.0) as usize;
+        Self {
+            side,
+            rows: frame.rows.div_ceil(side),
+            cols: frame.cols.div_ceil(side),
+            cell_m: cell_m * side as f32,
+            frame_rows: frame.rows,
+            frame_cols: frame.cols,
+        }
+    }
+
+    /// Mean over the cells of a ground cell that have a value; 0 if none has.
+    fn mean(&self, block: usize, value: impl Fn(usize) -> Option<f32>) -> f32 {
+        let (row, col) = (block / self.cols * self.side, block % self.cols * self.side);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for row in row..(row + self.side).min(self.frame_rows) {
+            for col in col..(col + self.side).min(self.frame_cols) {
+                if let Some(value) = value(row * self.frame_cols + col) {
+                    sum += value;
+                    count += 1.0;
+                }
+            }
+        }
+        if count > 0.0 { sum / count } else { 0.0 }
+    }
 }
 
 impl Plot {
@@ -172,11 +218,17 @@ impl Plot {
             let line = |cell| ((cell as f32 + 0.5) * cell_m / ground_cell_m) as usize;
             (0..cells).map(|cell| line(cell).min(most - 1)).collect()
         };
-        let mut seeds = vec![Seeds::default(); ground.len()];
-        for tree in canopy {
-            let size = [ground_rows, ground_cols];
-            seedbank::sow(tree, biome, parameters, size, ground_cell_m, &mut seeds);
-        }
+        let seeds = match parameters.seeding {
+            Seeding::Everywhere { .. } => vec![Seeds::EVERYWHERE; ground.len()],
+            Seeding::CanopyTrees => {
+                let mut seeds = vec![Seeds::default(); ground.len()];
+                for tree in canopy {
+                    let size = [ground_rows, ground_cols];
+                    seedbank::sow(tree, biome, parameters, size, ground_cell_m, &mut seeds);
+                }
+                seeds
+            }
+        };
         let mut plot = Self {
             rows,
             cols,
@@ -185,10 +237,15 @@ impl Plot {
             first_south: 0,
             ground,
             seeds,
-            canopy: vec![OPEN; rows * cols],
+            canopy: if canopy.is_empty() && parameters.open_limit_m == f32::INFINITY {
+                Vec::new()
+            } else {
+                vec![OPEN; rows * cols]
+            },
             ground_row: lines(rows, ground_rows),
             ground_col: lines(cols, ground_cols),
             ground_cols,
+            ground_cell_m,
         };
         for tree in canopy {
             plot.shade(tree, biome);
@@ -196,6 +253,110 @@ impl Plot {
         let open = plot.canopy.iter_mut().filter(|cell| **cell == OPEN);
         open.for_each(|cell| cell.base_m = parameters.open_limit_m);
         plot
+    }
+
+    /// The plot of a whole scene without a canopy of its own, its ground cells two metres wide or more: finer ones are
+    /// joined. Nothing sprouts where `is_barren` holds for half of a ground cell or where the maps hold nothing.
+    ///
+    /// # Reference
+    /// Peytavie et al. 2024, section 5.1: abiotic factors on cells of 1–3 m.
+    ///
+    /// # Panics
+    /// If `is_barren` is not of the maps' size.
+    pub fn open(
+        maps: &AbioticMaps,
+        is_barren: &[bool],
+        biome: &Biome,
+        parameters: &Parameters,
+    ) -> Self {
+        let joined = Joined::of(maps.slope_rad.frame());
+        let is_valid = |index: usize| maps.slope_rad.mask().is_valid(index);
+        let ground: Vec<GroundCell> = (0..joined.rows * joined.cols)
+            .into_par_iter()
+            .map(|block| GroundCell {
+                sun_h: std::array::from_fn(|month| {
+                    let values = maps.sunlight_h.month(month);
+                    joined.mean(block, |index| is_valid(index).then(|| values[index]))
+                }),
+                moisture_mm: [0.0; MONTHS],
+                temperature_c: std::array::from_fn(|month| {
+                    joined.mean(block, |index| {
+                        is_valid(index).then(|| maps.temperature_c.at(month, index))
+                    })
+                }),
+                slope_rad: joined
+                    .mean(block, |index| is_valid(index).then(|| maps.slope_rad.values()[index])),
+            })
+            .collect();
+        let mut plot =
+            Self::new([joined.rows, joined.cols], joined.cell_m, ground, &[], biome, parameters);
+        // ground cells at the rim may reach beyond the scene, plants do not
+        let frame = maps.slope_rad.frame();
+        let inside = |cells: usize| (cells as f32 * frame.cell_m() / plot.cell_m + 1e-3) as usize;
+        (plot.rows, plot.cols) =
+            (plot.rows.min(inside(frame.rows)), plot.cols.min(inside(frame.cols)));
+        plot.ground_row.truncate(plot.rows);
+        plot.ground_col.truncate(plot.cols);
+        plot.set_moisture(frame, &maps.moisture_mm);
+        for (block, seeds) in plot.seeds.iter_mut().enumerate() {
+            let barren = joined.mean(block, |index| {
+                Some(f32::from(u8::from(is_barren[index] || !is_valid(index))))
+            });
+            if barren >= 0.5 {
+                *seeds = Seeds::default();
+            }
+        }
+        let corner = frame.transform;
+        // places are below 10⁹ cells
+        let number = |m: f64| (m / f64::from(plot.cell_m)).round() as i64;
+        plot.first_east = number(corner.west_m);
+        plot.first_south = number(-corner.north_m);
+        plot
+    }
+
+    /// Puts other soil water on the ground of [`Self::open`], as monthly maps have it that lie on `frame`.
+    pub fn set_moisture(&mut self, frame: &Frame, moisture_mm: &MonthlyGrid) {
+        let joined = Joined::of(frame);
+        assert_eq!(self.ground.len(), joined.rows * joined.cols, "another scene's moisture");
+        let mask = moisture_mm.mask();
+        self.ground.par_iter_mut().enumerate().for_each(|(block, ground)| {
+            for (month, mm) in ground.moisture_mm.iter_mut().enumerate() {
+                let values = moisture_mm.month(month);
+                *mm = joined.mean(block, |index| mask.is_valid(index).then(|| values[index]));
+            }
+        });
+    }
+
+    /// Mean over each ground cell of [`Self::open`] of a map of the scene, 0 where it holds nothing.
+    pub fn joined_mean(&self, map: &Grid<f32>) -> Vec<f32> {
+        let joined = Joined::of(map.frame());
+        let value = |index: usize| map.mask().is_valid(index).then(|| map.values()[index]);
+        (0..joined.rows * joined.cols)
+            .into_par_iter()
+            .map(|block| joined.mean(block, value))
+            .collect()
+    }
+
+    /// Rows, columns and width in m of ground cells.
+    pub fn ground_size(&self) -> ([usize; 2], f32) {
+        let cols = self.ground_cols;
+        ([self.ground.len() / cols, cols], self.ground_cell_m)
+    }
+
+    /// Ground by ground cell, row-major.
+    pub fn ground(&self) -> &[GroundCell] {
+        &self.ground
+    }
+
+    /// What the canopy leaves to a simulation cell.
+    #[inline]
+    pub(super) fn canopy_at(&self, cell: usize) -> CanopyCell {
+        if self.canopy.is_empty() { OPEN } else { self.canopy[cell] }
+    }
+
+    /// Least height at which the canopy begins anywhere.
+    pub(super) fn lowest_canopy_m(&self) -> f32 {
+        self.canopy.iter().map(|cell| cell.base_m).fold(f32::INFINITY, f32::min)
     }
 
     fn shade(&mut self, tree: &CanopyTree, biome: &Biome) {

@@ -48,7 +48,7 @@ fn year(community: &Community, biome: &Biome, parameters: &Parameters) -> Vec<Gr
         let mut cells = vec![0.0; count];
         for (cell, plants) in in_cell.iter().enumerate() {
             let ground = &plot.ground[plot.ground_of(cell / plot.cols, cell % plot.cols)];
-            let canopy = &plot.canopy[cell];
+            let canopy = plot.canopy_at(cell);
             let there_mm = f64::from(ground.moisture_mm[month]);
             let mut light_left = f64::from(canopy.light_fraction);
             let (mut left_mm, mut handed_out_mm) = (there_mm, 0.0);

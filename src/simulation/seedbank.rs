@@ -10,10 +10,15 @@ use crate::species::Biome;
 /// Seeds of a piece of ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seeds {
-    /// Chance a year that one sprouts in a simulation cell.
+    /// Chance a year that one sprouts in a simulation cell; where seeds lie everywhere, the share of the parameters' chance.
     pub chance_per_year: f32,
     /// One bit a sub-biome whose plants they may be.
     pub sub_biomes: u32,
+}
+
+impl Seeds {
+    /// Seeds of all species, as many as the parameters have ([`super::parameters::Seeding::Everywhere`]).
+    pub const EVERYWHERE: Self = Self { chance_per_year: 1.0, sub_biomes: u32::MAX };
 }
 
 /// Chance a year that a tree gives a cell so many of its crown radii away.

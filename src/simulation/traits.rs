@@ -29,9 +29,26 @@ pub struct Traits {
     pub seed_weight: f32,
     /// One bit a sub-biome that it grows in.
     pub sub_biomes: u32,
+    /// How many times likelier it sprouts on a decaying log than beside it (α of Peytavie 2024, Eq. 5).
+    pub downed_log_seeding_multiplier: f32,
     growth: GrowthCurve,
+    /// Sizes by idealized age for [`GrowthCurve::Envelope`], else none.
+    envelope: Vec<EnvelopeSizes>,
     species: Species,
 }
+
+/// Height, crown radius and stem diameter, m.
+pub type Size = [f32; 3];
+
+/// Sizes at an age, among others and alone.
+#[derive(Clone, Copy)]
+struct EnvelopeSizes {
+    dense_m: Size,
+    isolated_m: Size,
+}
+
+/// Steps of idealized age in an envelope's table. chosen: a year or so of a tree's growth, as in the authors' tables.
+const ENVELOPE_STEPS: usize = 512;
 
 impl Traits {
     /// Traits of every species of a biome.
@@ -62,9 +79,14 @@ impl Traits {
                     ),
                 seed_weight: math::powf(species.max_age_years, -parameters.lifespan_exponent),
                 sub_biomes: species.sub_biomes.iter().fold(0, |bits, index| bits | 1 << index),
-                growth: match species.form {
-                    Form::Herb => GrowthCurve::Saturating,
-                    _ => parameters.growth,
+                downed_log_seeding_multiplier: species.decay.log_seeding_multiplier,
+                growth: match (species.form, parameters.growth) {
+                    (Form::Herb, GrowthCurve::Smoothstep) => GrowthCurve::Saturating,
+                    (_, growth) => growth,
+                },
+                envelope: match parameters.growth {
+                    GrowthCurve::Envelope => envelope(species),
+                    _ => Vec::new(),
                 },
                 species: species.clone(),
             }
@@ -83,9 +105,56 @@ impl Traits {
                 species.max_height_m * math::smoothstep(idealized_age_years / species.max_age_years)
             }
             GrowthCurve::Saturating => species.height_at_age_m(idealized_age_years, AMONG_OTHERS),
+            GrowthCurve::Envelope => {
+                let [height_m, crown_radius_m, _] =
+                    self.envelope_size_m(idealized_age_years, AMONG_OTHERS);
+                return [height_m, crown_radius_m];
+            }
         };
         [height_m, species.crown_radius_m(height_m)]
     }
+
+    /// Height, crown radius and stem diameter in m at an idealized age, from alone (`crowding_fraction` 0) to among
+    /// others (1).
+    ///
+    /// # Reference
+    /// Peytavie et al. 2024, Eq. 1; a table of [`ENVELOPE_STEPS`] ages, straight between them.
+    ///
+    /// # Panics
+    /// If the parameters' growth is not [`GrowthCurve::Envelope`].
+    #[inline]
+    pub fn envelope_size_m(&self, idealized_age_years: f32, crowding_fraction: f32) -> Size {
+        let at = (idealized_age_years / self.species.max_age_years).clamp(0.0, 1.0)
+            * ENVELOPE_STEPS as f32;
+        let step = (at as usize).min(ENVELOPE_STEPS - 1);
+        let (from, to, share) = (&self.envelope[step], &self.envelope[step + 1], at - step as f32);
+        std::array::from_fn(|measure| {
+            let between = |sizes: &EnvelopeSizes| {
+                let isolated_m = sizes.isolated_m[measure];
+                isolated_m + crowding_fraction * (sizes.dense_m[measure] - isolated_m)
+            };
+            let from_m = between(from);
+            from_m + share * (between(to) - from_m)
+        })
+    }
+
+    /// What its species file says.
+    pub fn species(&self) -> &Species {
+        &self.species
+    }
+}
+
+fn envelope(species: &Species) -> Vec<EnvelopeSizes> {
+    let at = |step: usize| {
+        let years = species.max_age_years * step as f32 / ENVELOPE_STEPS as f32;
+        let size_m = |shade_fraction: f32| {
+            let height_m = species.height_at_age_m(years, shade_fraction);
+            let radius_m = species.crown_radius_in_shade_m(height_m, shade_fraction);
+            [height_m, radius_m, species.dbh_in_shade_m(height_m, shade_fraction)]
+        };
+        EnvelopeSizes { dense_m: size_m(1.0), isolated_m: size_m(0.0) }
+    };
+    (0..=ENVELOPE_STEPS).map(at).collect()
 }
 
 /// Water that a plant needs at least, mm a month: the dry end of what its species bears.

@@ -1,0 +1,173 @@
+//! What becomes of plants that die: snags, downed logs, litter; and of branches that living trees give up.
+
+use super::run::Forest;
+use super::tally::YearTally;
+use crate::plants::deadwood::{Cause, DownedLogKind, LifeEvent, LifeEventKind};
+use crate::rng::{self, Key, Process};
+use crate::simulation::community::DeadPlant;
+use crate::simulation::deadwood::branches::Branches;
+use crate::simulation::deadwood::downed_log::LEAST_DIAMETER_M;
+use crate::simulation::deadwood::falling::StandingTrunks;
+use crate::simulation::deadwood::stock::{FallingStem, Source, YEARS_END};
+
+/// Share of its primary branches that a wholly shaded tree gives up in a year. chosen: a crown that rises by its own length
+/// in two centuries.
+const PRUNED_FRACTION_PER_YEAR: f32 = 0.005;
+
+/// What a storm did to a tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Struck {
+    /// Nothing that kills it.
+    #[default]
+    No,
+    /// It lies, its root plate torn out.
+    Uprooted {
+        /// Direction that it fell to, clockwise from north.
+        azimuth_rad: f32,
+        month: u8,
+    },
+    /// Its stem broke.
+    Snapped {
+        /// Share of its height that stands.
+        standing_fraction: f32,
+        azimuth_rad: f32,
+        month: u8,
+    },
+}
+
+/// What a year's disturbances do to each plant.
+pub struct Toll {
+    pub struck: Vec<Struck>,
+    /// Whether fire reached it.
+    pub is_burnt: Vec<bool>,
+    /// Whether it is ill.
+    pub is_ill: Vec<bool>,
+}
+
+impl Toll {
+    pub fn new(plants: usize) -> Self {
+        Self {
+            struck: vec![Struck::No; plants],
+            is_burnt: vec![false; plants],
+            is_ill: vec![false; plants],
+        }
+    }
+}
+
+impl Forest {
+    /// Why a plant died.
+    fn cause(&self, plant: &DeadPlant, toll: &Toll) -> Cause {
+        let index = plant.index as usize;
+        if toll.struck[index] != Struck::No {
+            Cause::Storm
+        } else if plant.is_of_age {
+            Cause::Age
+        } else if toll.is_burnt[index] {
+            Cause::Fire
+        } else if toll.is_ill[index] {
+            Cause::Disease
+        } else if self.rain_fraction.iter().any(|fraction| *fraction < 1.0) {
+            Cause::Drought
+        } else {
+            Cause::Competition
+        }
+    }
+
+    /// Makes snags, downed logs and litter of the year's dead.
+    pub(super) fn bury(
+        &mut self,
+        dead: &[DeadPlant],
+        toll: &Toll,
+        trunks: &StandingTrunks,
+        figures: &mut YearTally,
+    ) {
+        let year = self.community.year();
+        let mut stock = std::mem::take(&mut self.stock);
+        for plant in dead {
+            let cause = self.cause(plant, toll);
+            figures.deaths[usize::from(plant.species)][cause as usize] += 1;
+            let species = self.traits(plant.species).species();
+            if !stock.add_snag(plant, species, cause, year) {
+                continue;
+            }
+            let at = [plant.east_m, plant.south_m];
+            let source = Source { id: plant.id, index: plant.species, species, at };
+            let struck = toll.struck[plant.index as usize];
+            let mut month = YEARS_END;
+            match struck {
+                Struck::No => {}
+                Struck::Uprooted { azimuth_rad, month: struck_month } => {
+                    month = struck_month;
+                    let stem = FallingStem {
+                        kind: DownedLogKind::Uprooted,
+                        cause: Cause::Storm,
+                        length_m: plant.height_m,
+                        diameter_base_m: plant.dbh_m,
+                        azimuth_rad,
+                        decayed_fraction: 0.0,
+                    };
+                    stock.lay_stem(&source, &stem, trunks, year);
+                    stock.snags.pop();
+                }
+                Struck::Snapped { standing_fraction, azimuth_rad, month: struck_month } => {
+                    month = struck_month;
+                    let snag = stock.snags.last_mut().expect("a snag was just added");
+                    snag.height_m = standing_fraction * plant.height_m;
+                    snag.branch_fraction = standing_fraction;
+                    let stem = FallingStem {
+                        kind: DownedLogKind::Top,
+                        cause: Cause::Storm,
+                        length_m: plant.height_m - snag.height_m,
+                        diameter_base_m: snag.diameter_at_m(snag.height_m),
+                        azimuth_rad,
+                        decayed_fraction: 0.0,
+                    };
+                    stock.lay_stem(&source, &stem, trunks, year);
+                }
+            }
+            self.record_death(plant, month, cause);
+        }
+        self.stock = stock;
+    }
+
+    fn record_death(&mut self, plant: &DeadPlant, month: u8, cause: Cause) {
+        let year = self.community.year();
+        self.history.push(LifeEvent {
+            plant_id: plant.id,
+            year,
+            month,
+            kind: LifeEventKind::Died,
+            severity: plant.death_probability_per_year,
+            cause,
+        });
+    }
+
+    /// Branches that living trees give up in the shade of others.
+    pub(super) fn prune(&mut self, _trunks: &StandingTrunks) {
+        let (seed, year) = (self.seed, self.community.year());
+        let community = &self.community;
+        for plant in 0..community.len() {
+            let dbh_m = community.dbh_m[plant];
+            if dbh_m < 3.0 * LEAST_DIAMETER_M {
+                continue; // no branch of it is thick enough
+            }
+            let index = community.species[plant];
+            let species = community.traits(index).species();
+            let branches = Branches::of(species, dbh_m, community.crown_radius_m[plant]);
+            if branches.diameter_m < LEAST_DIAMETER_M {
+                continue;
+            }
+            let id = community.id[plant];
+            let key =
+                Key { seed, process: Process::FallingBranch, year, month: YEARS_END, entity: id };
+            let chance =
+                PRUNED_FRACTION_PER_YEAR * branches.count * community.crowding_fraction[plant];
+            if rng::uniforms(key)[0] < chance {
+                let at = [community.east_m[plant], community.south_m[plant]];
+                let source = Source { id, index, species, at };
+                let when = [f32::from(year), 0.0];
+                self.stock.lay_branches(&source, &branches, 1, when, Cause::SelfPruning, seed);
+            }
+        }
+    }
+}

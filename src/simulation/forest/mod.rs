@@ -1,0 +1,20 @@
+//! Whole forests over centuries: growth, seeding, disturbance, death and decay, year by year.
+//!
+//! Reading order: `ground` (what does not live), `run` (the forest and its year), `fuel`, `storms`, `outbreaks` (what disturbances meet
+//! there), `deaths` (what becomes of dead plants), `tally` (its figures), `state` (what a run goes on from).
+//!
+//! # Reference
+//! Peytavie et al. 2024, section 5, doi:10.1145/3641816.
+
+mod deaths;
+mod fuel;
+mod ground;
+mod outbreaks;
+mod run;
+mod state;
+mod storms;
+mod tally;
+
+pub use run::{Forest, Site};
+pub use state::State;
+pub use tally::Tally;

@@ -1,0 +1,207 @@
+//! A wind storm in a forest: which trees, live and dead, it throws, snaps or strips.
+
+use super::deaths::{Struck, Toll};
+use super::run::Forest;
+use crate::plants::deadwood::{Cause, DownedLogKind, LifeEvent, LifeEventKind};
+use crate::rng::{self, Key, Process};
+use crate::simulation::carbon_pool;
+use crate::simulation::community::Season;
+use crate::simulation::deadwood::branches::Branches;
+use crate::simulation::deadwood::stock::{FallingStem, Source};
+use crate::simulation::disturbance::storm::{
+    self, CriticalSpeeds, StemWood, StormDamage, StormSurface, WindStorm,
+};
+use crate::species::{Leaf, Species};
+
+/// Lowest tree that wind can throw. chosen: what is lower is sheltered by anything and bends.
+const LEAST_HEIGHT_M: f32 = 3.0;
+/// Form factors: volume of a stem over that of a cylinder of its height and breast height diameter. chosen: mid values of
+/// yield tables, which have 0.4–0.5 for conifers and for broadleaved trees.
+const FORM_FACTOR: [f32; 2] = [0.45, 0.48];
+/// Mass of green wood over that of dry wood. Peytavie et al. 2024, section 5.3.2.
+const GREEN_FACTOR: f32 = 1.85;
+/// Sector around the wind in which trees fall, radians. chosen: gusts veer.
+const GUST_SECTOR_RAD: f32 = 0.35;
+/// Months of the best vigor that a tree loses with all its branches. chosen: its whole pool.
+const BRANCHES_LOSS: f32 = 1.0;
+
+impl Forest {
+    /// A storm in a month.
+    ///
+    /// # Reference
+    /// Peytavie et al. 2024, section 5.3.2, Eqs. 14–16.
+    /// # Departures
+    /// Within a canopy wind falls off with depth, so that saplings do not fall with the trees above them.
+    pub(super) fn blow(
+        &mut self,
+        wind: &WindStorm,
+        month: u8,
+        season: &mut Season,
+        toll: &mut Toll,
+    ) {
+        let canopy_height_m = self.canopy_height_m();
+        let surface = StormSurface {
+            rows: self.ground.rows,
+            cols: self.ground.cols,
+            cell_m: self.ground.cell_m,
+            elevation_m: &self.ground.elevation_m,
+            canopy_height_m: &canopy_height_m,
+        };
+        let exposure = storm::exposure_fraction(&surface, wind);
+        let speed_m_s = wind.speed_m_s();
+        let downwind_rad = wind.fall_azimuth_rad();
+        let (seed, year) = (self.seed, self.community.year());
+        let ground = self.ground.clone();
+        let blown = |at: [f32; 2], height_m: f32| {
+            let cell = ground.cell_at(at);
+            let below = storm::below_canopy_fraction(height_m, canopy_height_m[cell]);
+            speed_m_s * exposure[cell] * below
+        };
+        let draws = |entity: u64, month: u8| {
+            rng::uniforms(Key { seed, process: Process::StormDamage, year, month, entity })
+        };
+
+        // trees
+        let mut broken = Vec::new();
+        for plant in 0..self.community.len() {
+            let community = &self.community;
+            let height_m = community.height_m[plant];
+            if height_m < LEAST_HEIGHT_M || toll.struck[plant] != Struck::No {
+                continue;
+            }
+            let species = self.traits(community.species[plant]).species();
+            let speeds = critical_speeds(species, community.dbh_m[plant], height_m, 1.0, true);
+            let wind_m_s = blown([community.east_m[plant], community.south_m[plant]], height_m);
+            let draws = draws(community.id[plant], month);
+            let azimuth_rad = downwind_rad + GUST_SECTOR_RAD * (2.0 * draws[3] - 1.0);
+            let (kind, severity) = match storm::damage(&speeds, wind_m_s, draws) {
+                StormDamage::None => continue,
+                StormDamage::Branches { fraction } => {
+                    broken.push((plant, fraction));
+                    (LifeEventKind::BranchesBroken, fraction)
+                }
+                StormDamage::Snapped { height_fraction } => {
+                    let standing_fraction = height_fraction;
+                    toll.struck[plant] = Struck::Snapped { standing_fraction, azimuth_rad, month };
+                    (LifeEventKind::Snapped, 1.0 - height_fraction)
+                }
+                StormDamage::Uprooted => {
+                    toll.struck[plant] = Struck::Uprooted { azimuth_rad, month };
+                    (LifeEventKind::Uprooted, 1.0)
+                }
+            };
+            let plant_id = community.id[plant];
+            self.history.push(LifeEvent {
+                plant_id,
+                year,
+                month,
+                kind,
+                severity,
+                cause: Cause::Storm,
+            });
+        }
+        for (plant, fraction) in broken {
+            self.break_branches(plant, fraction, season);
+        }
+
+        // snags
+        let trunks = self.standing_trunks();
+        let mut snags = std::mem::take(&mut self.stock.snags);
+        let mut is_down = vec![false; snags.len()];
+        for (snag, is_down) in snags.iter_mut().zip(&mut is_down) {
+            if snag.height_m < LEAST_HEIGHT_M {
+                continue;
+            }
+            let at = [snag.east_m, snag.south_m];
+            let species = self.traits(snag.species).species();
+            let strength = snag.density_fraction();
+            let speeds = critical_speeds(species, snag.dbh_m, snag.height_m, strength, false);
+            let draws = draws(snag.id, month);
+            let damage = storm::damage(&speeds, blown(at, snag.height_m), draws);
+            let above_m = match damage {
+                StormDamage::None | StormDamage::Branches { .. } => continue,
+                StormDamage::Snapped { height_fraction } => height_fraction * snag.height_m,
+                StormDamage::Uprooted => 0.0,
+            };
+            let species = species.clone();
+            let source = Source { id: snag.id, index: snag.species, species: &species, at };
+            let stem = FallingStem {
+                kind: if above_m > 0.0 { DownedLogKind::Top } else { DownedLogKind::Uprooted },
+                cause: Cause::Storm,
+                length_m: snag.height_m - above_m,
+                diameter_base_m: snag.diameter_at_m(above_m),
+                azimuth_rad: downwind_rad + GUST_SECTOR_RAD * (2.0 * draws[3] - 1.0),
+                decayed_fraction: snag.decayed_years / snag.deathspan_years,
+            };
+            self.stock.lay_stem(&source, &stem, &trunks, year);
+            let kind =
+                if above_m > 0.0 { LifeEventKind::SnagSnapped } else { LifeEventKind::SnagFell };
+            let severity = stem.length_m / snag.height_at_death_m;
+            self.history.push(LifeEvent {
+                plant_id: snag.id,
+                year,
+                month,
+                kind,
+                severity,
+                cause: Cause::Storm,
+            });
+            (snag.height_m, *is_down) = (above_m, above_m == 0.0);
+        }
+        let mut stays = is_down.iter().map(|is_down| !is_down);
+        snags.retain(|_| stays.next().expect("one a snag"));
+        self.stock.snags = snags;
+    }
+
+    fn break_branches(&mut self, plant: usize, fraction: f32, season: &mut Season) {
+        let (seed, year) = (self.seed, self.community.year());
+        let community = &mut self.community;
+        let pool = &mut community.carbon_pool[plant];
+        *pool = (*pool - BRANCHES_LOSS * fraction).max(carbon_pool::LOWEST);
+        season.lowest_pool[plant] = season.lowest_pool[plant].min(*pool);
+        let index = community.species[plant];
+        let species = self.biome.species[usize::from(index)].clone();
+        let branches =
+            Branches::of(&species, community.dbh_m[plant], community.crown_radius_m[plant]);
+        let at = [community.east_m[plant], community.south_m[plant]];
+        let source = Source { id: community.id[plant], index, species: &species, at };
+        let number = (branches.count * fraction) as u32; // some dozens
+        let when = [f32::from(year), 0.0];
+        self.stock.lay_branches(&source, &branches, number, when, Cause::Storm, seed);
+    }
+
+    /// Height of the tallest plant or snag over each ground cell, 0 where there is none.
+    pub(super) fn canopy_height_m(&self) -> Vec<f32> {
+        let community = &self.community;
+        let mut height_m = vec![0.0_f32; self.ground.rows * self.ground.cols];
+        let mut raise = |at: [f32; 2], radius_m: f32, top_m: f32| {
+            self.ground.under_disk(at, radius_m, |cell| height_m[cell] = height_m[cell].max(top_m));
+        };
+        for plant in 0..community.len() {
+            let at = [community.east_m[plant], community.south_m[plant]];
+            raise(at, community.crown_radius_m[plant], community.height_m[plant]);
+        }
+        self.stock
+            .snags
+            .iter()
+            .for_each(|snag| raise([snag.east_m, snag.south_m], 0.0, snag.height_m));
+        height_m
+    }
+}
+
+/// Wind that throws and that snaps a stem, m/s; dead wood is as strong as it is dense.
+fn critical_speeds(
+    species: &Species,
+    dbh_m: f32,
+    height_m: f32,
+    strength: f32,
+    is_live: bool,
+) -> CriticalSpeeds {
+    let wood = &species.wood;
+    let stem = StemWood {
+        pulling_coefficient_nm_kg: strength * wood.pulling_coefficient_nm_kg,
+        modulus_of_rupture_pa: strength * wood.modulus_of_rupture_pa,
+        density_kg_m3: wood.density_kg_m3,
+        form_factor: FORM_FACTOR[usize::from(species.leaf != Leaf::Needle)],
+    };
+    storm::critical_speeds(&stem, dbh_m, height_m, if is_live { GREEN_FACTOR } else { 1.0 })
+}
