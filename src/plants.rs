@@ -1,6 +1,7 @@
 //! Living plants of a scene: one array a measure.
 
 pub mod buckets;
+mod checks;
 pub mod deadwood;
 pub mod table;
 
