@@ -3,6 +3,9 @@
 pub mod buckets;
 mod checks;
 pub mod deadwood;
+pub mod downed_logs_table;
+pub mod history_tables;
+pub mod snags_table;
 pub mod table;
 
 use crate::species::Biome;

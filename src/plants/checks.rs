@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::ops::RangeInclusive;
 
+use super::deadwood::Cause;
 use crate::io::ParseError;
 use crate::raster::{Frame, MapPoint};
 use crate::species::Biome;
@@ -86,6 +87,24 @@ pub(super) fn append_reals(
     Ok(())
 }
 
+/// Adds the decay classes of a run of rows; `of` says what has them.
+pub(super) fn append_decay_classes(
+    into: &mut Vec<u8>,
+    classes: &[i64],
+    of: &str,
+) -> Result<(), ParseError> {
+    for class in classes {
+        match u8::try_from(*class) {
+            Ok(known @ 1..=5) => into.push(known),
+            _ => {
+                let what = format!("the {of} of row {} has decay_class = {class}", into.len());
+                return Err(ParseError::new(what, "decay classes are 1 to 5"));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// The index of a species' key in the biome.
 pub(super) fn species_index(biome: &Biome, key: &str) -> Result<u16, ParseError> {
     let index = biome.species_index(key).and_then(|index| u16::try_from(index).ok());
@@ -101,6 +120,12 @@ pub(super) fn species_index(biome: &Biome, key: &str) -> Result<u16, ParseError>
 /// What is said of a word that is none of those `known`; `of` says what they are.
 pub(super) fn unknown_word(word: &str, of: &str, known: &[&str]) -> ParseError {
     ParseError::new(format!("`{word}` is no {of}"), format!("name one of {}", known.join(", ")))
+}
+
+/// The cause of a name.
+pub(super) fn cause(name: &str) -> Result<Cause, ParseError> {
+    Cause::from_name(name)
+        .ok_or_else(|| unknown_word(name, "cause of death or fall", &Cause::ALL.map(Cause::name)))
 }
 
 /// Refuses ids that two rows share; `of` says what has them.
@@ -174,6 +199,27 @@ mod tests {
         }
         assert_eq!(place.position_within([90.0, 300.0], 10.0), Some((-10.0, 100.0)));
         assert_eq!(place.position_within([f64::NAN, 300.0], 10.0), None);
+    }
+
+    #[test]
+    fn decay_classes_are_one_to_five() {
+        let mut classes = vec![3];
+        append_decay_classes(&mut classes, &[1, 5], "snag").unwrap();
+        assert_eq!(classes, [3, 1, 5]);
+        for wrong in [0, 6, -1, 257] {
+            let problem = append_decay_classes(&mut classes, &[wrong], "snag").unwrap_err();
+            assert!(problem.what.starts_with("the snag of row 3 has"), "{problem}");
+        }
+    }
+
+    #[test]
+    fn unknown_words_are_told_what_is_known() {
+        assert_eq!(cause("storm"), Ok(Cause::Storm));
+        let problem = cause("boredom").unwrap_err().to_string();
+        assert!(
+            problem.contains("`boredom` is no cause") && problem.contains("drought"),
+            "{problem}"
+        );
     }
 
     proptest! {
