@@ -1,6 +1,6 @@
 //! Comma-separated values: a table as text. A point becomes the columns x and y, a line the column wkt.
 //!
-//! A line as well-known text opens as a line in GDAL and QGIS, which take four numbers for four numbers, or for a point.
+//! A line as well-known text opens as a line in GDAL and what is built on it; four columns of numbers would not.
 //!
 //! # Reference
 //! RFC 4180; OGC 06-103r4 for well-known text.

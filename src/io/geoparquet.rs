@@ -1,7 +1,7 @@
 //! GeoParquet: a table with places, packed by columns, with its coordinate reference system.
 //!
-//! Points and lines are well-known binary in map coordinates, easting first. Files hold no times, their row groups have one size,
-//! and columns are packed side by side: equal tables become equal bytes on any number of threads.
+//! Points and lines are well-known binary in map coordinates, easting first. Files hold no times, their row groups have
+//! one size, and columns are packed side by side: equal tables become equal bytes on any number of threads.
 //!
 //! # Reference
 //! GeoParquet 1.1.0 (geoparquet.org); OGC 06-103r4 for well-known binary.

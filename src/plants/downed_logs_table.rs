@@ -153,11 +153,11 @@ fn azimuth_deg(azimuth_rad: f32) -> f32 {
     f64::from(azimuth_rad).to_degrees().rem_euclid(360.0) as f32 // files hold single floats
 }
 
-/// The downed logs of a GeoParquet file that [`write_downed_logs`] or a program after it wrote, in the order of the file.
+/// The downed logs of a GeoParquet file that [`write_downed_logs`] or a program after it wrote, in the file's order.
 ///
 /// # Errors
-/// If the file is damaged or lacks a column, if a log is of a species that is not the biome's, lies outside the scene by
-/// more than a tree's height or otherwise than its length and azimuth say, has a measure that no log can have or
+/// If the file is damaged or lacks a column, if a log is of a species that is not the biome's, lies outside the scene
+/// by more than a tree's height or otherwise than its length and azimuth say, has a measure that no log can have or
 /// another's id, or if there are more than `max_logs`.
 pub fn read_downed_logs<S>(
     source: Arc<S>,

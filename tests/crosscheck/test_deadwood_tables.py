@@ -85,7 +85,7 @@ def tables(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("index, system", enumerate(SYSTEMS))
+@pytest.mark.parametrize("index, system", [*enumerate(SYSTEMS)])
 def test_snags_are_points(tables, index, system):
     path = tables / f"{index}.snags.parquet"
     snags = assert_places(path, SNAGS, "Point")
@@ -100,7 +100,7 @@ def test_snags_are_points(tables, index, system):
     assert_equal_texts(snags, text, SNAGS)
 
 
-@pytest.mark.parametrize("index, system", enumerate(SYSTEMS))
+@pytest.mark.parametrize("index, system", [*enumerate(SYSTEMS)])
 def test_downed_logs_are_lines_from_the_thick_end(tables, index, system):
     path = tables / f"{index}.downed_logs.parquet"
     logs = assert_places(path, DOWNED_LOGS, "LineString")
