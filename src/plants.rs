@@ -1,7 +1,11 @@
 //! Living plants of a scene: one array a measure.
 
 pub mod buckets;
+mod checks;
 pub mod deadwood;
+pub mod downed_logs_table;
+pub mod history_tables;
+pub mod snags_table;
 pub mod table;
 
 use crate::species::Biome;

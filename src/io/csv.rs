@@ -1,7 +1,9 @@
-//! Comma-separated values: a table as text. A point becomes the columns x and y.
+//! Comma-separated values: a table as text. A point becomes the columns x and y, a line the column wkt.
+//!
+//! A line as well-known text opens as a line in GDAL and what is built on it; four columns of numbers would not.
 //!
 //! # Reference
-//! RFC 4180.
+//! RFC 4180; OGC 06-103r4 for well-known text.
 
 use std::io::{self, Write};
 
@@ -26,9 +28,11 @@ pub fn write(mut out: impl Write, table: &dyn Table) -> io::Result<()> {
     let names: Vec<String> = table
         .columns()
         .iter()
-        .map(
-            |column| if column.kind == Kind::Point { "x,y".to_owned() } else { field(column.name) },
-        )
+        .map(|column| match column.kind {
+            Kind::Point => "x,y".to_owned(),
+            Kind::Line => "wkt".to_owned(),
+            _ => field(column.name),
+        })
         .collect();
     write!(out, "{}\r\n", names.join(","))?;
     let rows = table.rows();
@@ -75,6 +79,14 @@ fn piece(table: &dyn Table, rows: std::ops::Range<usize>) -> io::Result<Vec<u8>>
                 (Values::Points(points), _) => {
                     let [x, y] = points[row];
                     write!(text, "{x:.COORDINATE_DECIMALS$},{y:.COORDINATE_DECIMALS$}")?;
+                }
+                (Values::Lines(lines), _) => {
+                    let [[x, y], [x2, y2]] = lines[row];
+                    write!(
+                        text,
+                        "\"LINESTRING ({x:.COORDINATE_DECIMALS$} {y:.COORDINATE_DECIMALS$}, \
+                         {x2:.COORDINATE_DECIMALS$} {y2:.COORDINATE_DECIMALS$})\""
+                    )?;
                 }
             }
         }
@@ -143,6 +155,32 @@ mod tests {
             "id,\"word, quoted\",x,y,height_m\r\n\
              0,plain,500000.2500,-0.5000,0.13\r\n\
              1,\"a \"\"b\"\", c\",500001.2500,-0.5000,1.13\r\n"
+        );
+    }
+
+    #[test]
+    fn lines_become_well_known_text() {
+        struct Line;
+        impl Table for Line {
+            fn rows(&self) -> usize {
+                1
+            }
+            fn columns(&self) -> &[Column] {
+                &[
+                    Column { name: "geometry", kind: Kind::Line },
+                    Column { name: "length_m", kind: Kind::Real { decimals: 1 } },
+                ]
+            }
+            fn values(&self, column: usize, _: Range<usize>) -> Values<'_> {
+                match column {
+                    0 => Values::Lines(vec![[[500_000.25, -0.5], [500_003.25, 3.5]]].into()),
+                    _ => Values::Reals(vec![5.0].into()),
+                }
+            }
+        }
+        assert_eq!(
+            text(&Line),
+            "wkt,length_m\r\n\"LINESTRING (500000.2500 -0.5000, 500003.2500 3.5000)\",5.0\r\n"
         );
     }
 

@@ -1,7 +1,7 @@
 //! GeoParquet: a table with places, packed by columns, with its coordinate reference system.
 //!
-//! Points are well-known binary in map coordinates, easting first. Files hold no times, their row groups have one size,
-//! and columns are packed side by side: equal tables become equal bytes on any number of threads.
+//! Points and lines are well-known binary in map coordinates, easting first. Files hold no times, their row groups have
+//! one size, and columns are packed side by side: equal tables become equal bytes on any number of threads.
 //!
 //! # Reference
 //! GeoParquet 1.1.0 (geoparquet.org); OGC 06-103r4 for well-known binary.
@@ -47,7 +47,10 @@ const GEO_KEY: &str = "geo";
 /// Bytes of a point: order of bytes, type, two coordinates.
 const POINT_BYTES: usize = 21;
 
-/// Writes a table whose points are in `crs`.
+/// Bytes of a line: order of bytes, type, number of points, two coordinates each of two points.
+const LINE_BYTES: usize = 41;
+
+/// Writes a table whose points or lines are in `crs`.
 ///
 /// # Errors
 /// Whatever writing gives.
@@ -99,7 +102,7 @@ fn field(column: &Column) -> Field {
         Kind::Integer => DataType::Int64,
         Kind::Real { .. } => DataType::Float32,
         Kind::Word => DataType::Utf8,
-        Kind::Point => DataType::Binary,
+        Kind::Point | Kind::Line => DataType::Binary,
     };
     Field::new(column.name, kind, false)
 }
@@ -120,32 +123,39 @@ fn properties(columns: &[Column], geo: Option<Value>) -> Result<WriterProperties
             // the bytes of like significance together: half a crown's size
             Kind::Real { .. } => properties.set_column_encoding(path, Encoding::BYTE_STREAM_SPLIT),
             Kind::Word => properties.set_column_dictionary_enabled(path, true),
-            // least and greatest bytes of a point say nothing
-            Kind::Point => properties.set_column_statistics_enabled(path, EnabledStatistics::None),
+            // least and greatest bytes of a place say nothing
+            Kind::Point | Kind::Line => {
+                properties.set_column_statistics_enabled(path, EnabledStatistics::None)
+            }
         };
     }
     Ok(properties.build())
 }
 
-/// What the file says of its points: their encoding, system and bounds. `None` for a table without points.
+/// What the file says of its geometry: its encoding, type, system and bounds. `None` for a table without one.
 fn geo_metadata(table: &dyn Table, crs: &Crs) -> Option<Value> {
-    let column = table.columns().iter().position(|column| column.kind == Kind::Point)?;
-    let name = table.columns()[column].name;
+    let column = table.columns().iter().position(|column| column.kind.is_geometry())?;
+    let Column { name, kind } = table.columns()[column];
+    let geometry_type = if kind == Kind::Line { "LineString" } else { "Point" };
     let mut geometry =
-        json!({ "encoding": "WKB", "geometry_types": ["Point"], "crs": projjson::of(crs) });
+        json!({ "encoding": "WKB", "geometry_types": [geometry_type], "crs": projjson::of(crs) });
     if let Some(bounds) = bounds(table, column) {
         geometry["bbox"] = json!(bounds);
     }
     Some(json!({ "version": "1.1.0", "primary_column": name, "columns": { name: geometry } }))
 }
 
-/// West, south, east and north of all points; `None` if there are none.
+/// West, south, east and north of all points or lines; `None` if there are none.
 fn bounds(table: &dyn Table, column: usize) -> Option<[f64; 4]> {
     let starts: Vec<usize> = (0..table.rows()).step_by(ROW_GROUP_ROWS).collect();
     let of_rows = |start: usize| {
         let values = table.values(column, start..table.rows().min(start + ROW_GROUP_ROWS));
-        let Values::Points(points) = values else { return None };
-        points.iter().map(|&[x, y]| [x, y, x, y]).reduce(union)
+        let of_point = |&[x, y]: &[f64; 2]| [x, y, x, y];
+        match values {
+            Values::Points(points) => points.iter().map(of_point).reduce(union),
+            Values::Lines(lines) => lines.iter().flatten().map(of_point).reduce(union),
+            _ => None,
+        }
     };
     starts.into_par_iter().filter_map(of_rows).reduce_with(union)
 }
@@ -168,7 +178,10 @@ fn pack(
             Arc::new(StringArray::from_iter_values(words.iter())),
         )?),
         Values::Points(points) => {
-            Arc::new(BinaryArray::from_iter_values(points.iter().map(well_known_binary)))
+            Arc::new(BinaryArray::from_iter_values(points.iter().map(point_bytes)))
+        }
+        Values::Lines(lines) => {
+            Arc::new(BinaryArray::from_iter_values(lines.iter().map(line_bytes)))
         }
     };
     for leaf in compute_leaves(field, &array)? {
@@ -178,11 +191,21 @@ fn pack(
 }
 
 /// A point as well-known binary, little-endian.
-fn well_known_binary(&[x, y]: &[f64; 2]) -> [u8; POINT_BYTES] {
+fn point_bytes(&[x, y]: &[f64; 2]) -> [u8; POINT_BYTES] {
     let mut bytes = [0; POINT_BYTES];
     bytes[..2].copy_from_slice(&[1, 1]);
     bytes[5..13].copy_from_slice(&x.to_le_bytes());
     bytes[13..].copy_from_slice(&y.to_le_bytes());
+    bytes
+}
+
+/// A line as well-known binary, little-endian.
+fn line_bytes(ends: &[[f64; 2]; 2]) -> [u8; LINE_BYTES] {
+    let mut bytes = [0; LINE_BYTES];
+    bytes[..9].copy_from_slice(&[1, 2, 0, 0, 0, 2, 0, 0, 0]);
+    for (into, coordinate) in bytes[9..].chunks_exact_mut(8).zip(ends.iter().flatten()) {
+        into.copy_from_slice(&coordinate.to_le_bytes());
+    }
     bytes
 }
 
@@ -217,9 +240,31 @@ mod tests {
         }
     }
 
+    /// Lines from the diagonal, each three metres to the west and one to the north.
+    struct Fallen(usize);
+
+    impl Table for Fallen {
+        fn rows(&self) -> usize {
+            self.0
+        }
+
+        fn columns(&self) -> &[Column] {
+            &[Column { name: "line", kind: Kind::Line }]
+        }
+
+        fn values(&self, _: usize, rows: Range<usize>) -> Values<'_> {
+            let line = |i: usize| [[i as f64, i as f64], [i as f64 - 3.0, i as f64 + 1.0]];
+            Values::Lines(rows.map(line).collect())
+        }
+    }
+
     fn written(rows: usize, crs: &Crs) -> SerializedFileReader<bytes::Bytes> {
+        written_table(&Diagonal(rows), crs)
+    }
+
+    fn written_table(table: &dyn Table, crs: &Crs) -> SerializedFileReader<bytes::Bytes> {
         let mut bytes = Vec::new();
-        write(&mut bytes, &Diagonal(rows), crs).unwrap();
+        write(&mut bytes, table, crs).unwrap();
         SerializedFileReader::new(bytes::Bytes::from(bytes)).unwrap()
     }
 
@@ -238,6 +283,33 @@ mod tests {
         assert_eq!(place["geometry_types"], json!(["Point"]));
         assert_eq!(place["bbox"], json!([0.0, -199_999.0, 199_999.0, 0.0]));
         assert_eq!(place["crs"]["id"]["code"], 3794);
+    }
+
+    #[test]
+    fn metadata_tells_what_lines_are() {
+        let geo = geo(&written_table(&Fallen(200_000), &Crs::Epsg(3794)));
+        let line = &geo["columns"]["line"];
+        assert_eq!((&geo["primary_column"], &line["encoding"]), (&json!("line"), &json!("WKB")));
+        assert_eq!(line["geometry_types"], json!(["LineString"]));
+        assert_eq!(line["bbox"], json!([-3.0, 0.0, 199_999.0, 200_000.0]));
+        assert_eq!(line["crs"]["id"]["code"], 3794);
+    }
+
+    /// OGC 06-103r4, 8.2: order of bytes, type 2, number of points, coordinates.
+    #[test]
+    fn lines_are_well_known_binary() {
+        let bytes = line_bytes(&[[1.0, 2.0], [-2.0, 0.5]]);
+        let text: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        let expected = [
+            "01",
+            "02000000",
+            "02000000",
+            "000000000000f03f",
+            "0000000000000040",
+            "00000000000000c0",
+            "000000000000e03f",
+        ];
+        assert_eq!(text, expected.concat());
     }
 
     #[test]

@@ -49,6 +49,11 @@ impl Cause {
             Self::SelfPruning => "self-pruning",
         }
     }
+
+    /// The cause of a name in a file.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|cause| cause.name() == name)
+    }
 }
 
 /// What part of a tree a downed log is.
@@ -78,6 +83,11 @@ impl DownedLogKind {
             Self::Branch => "branch",
             Self::Uprooted => "uprooted",
         }
+    }
+
+    /// The kind of a name in a file.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
 
@@ -276,4 +286,42 @@ pub struct TimelineRow {
     pub downed_log_m2_ha: f32,
     /// Deaths of the year by cause, in the order of [`Cause::ALL`].
     pub deaths: [u32; 8],
+}
+
+/// The year of a plant whose growth is recorded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct GrowthRecord {
+    /// The plant's id.
+    pub plant_id: u64,
+    /// Year of the simulation, from 1; 0 is the state that it began with.
+    pub year: u16,
+    /// Height above ground, at the end of the year.
+    pub height_m: f32,
+    /// Crown radius.
+    pub crown_radius_m: f32,
+    /// Stem diameter at breast height.
+    pub dbh_m: f32,
+    /// Suitability of the site, −0.2..=1.
+    pub vigor: f32,
+    /// Its reserves: 1 = full, below 0 = overdrawn.
+    pub carbon_pool: f32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_kept_and_numbers_are_places_in_all() {
+        for (place, cause) in Cause::ALL.into_iter().enumerate() {
+            assert_eq!((Cause::from_name(cause.name()), cause as usize), (Some(cause), place));
+        }
+        for (place, kind) in DownedLogKind::ALL.into_iter().enumerate() {
+            assert_eq!((DownedLogKind::from_name(kind.name()), kind as usize), (Some(kind), place));
+        }
+        for (place, kind) in LifeEventKind::ALL.into_iter().enumerate() {
+            assert_eq!(kind as usize, place);
+        }
+        assert_eq!((Cause::from_name("Age"), DownedLogKind::from_name("log")), (None, None));
+    }
 }

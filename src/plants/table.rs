@@ -4,22 +4,33 @@
 //! ±2²³ m (8,388 km) of the system's origin every position reads back to the bit that is 0 or at least 1/64 m; smaller
 //! ones read back within 2⁻³¹ m, because the map coordinate has no digits for more.
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
+use super::checks::{self, EDIT_AGAIN, Place};
 use super::{Layer, Plants};
 use crate::io::geotiff::ByteSource;
-use crate::io::table::{Column, Kind, Table, Values};
+use crate::io::table::{Column, Kind, RowOrder, Table, Values};
 use crate::io::{ParseError, csv, geoparquet};
-use crate::raster::{Frame, MapPoint};
+use crate::raster::{Crs, Frame, MapPoint};
 use crate::species::Biome;
 
 /// Most plants that are read. chosen: 5 GB of them, as many trees as stand on 1000 km².
 pub const MAX_PLANTS: usize = 100_000_000;
 
 /// Digits of lengths in texts: millimetres. chosen: a tenth of what any instrument tells of a tree.
-const LENGTH: Kind = Kind::Real { decimals: 3 };
+pub(super) const LENGTH: Kind = Kind::Real { decimals: 3 };
+
+/// Digits of diameters in texts: a tenth of a millimetre, as seedlings are thin.
+pub(super) const THICKNESS: Kind = Kind::Real { decimals: 4 };
+
+/// Digits of years in texts: enough to tell months apart.
+pub(super) const YEARS: Kind = Kind::Real { decimals: 2 };
+
+/// Digits of shares of one in texts.
+pub(super) const FRACTION: Kind = Kind::Real { decimals: 4 };
 
 /// The columns, a contract with everyone outside: more may follow, none changes its meaning.
 pub const COLUMNS: [Column; 10] = [
@@ -30,9 +41,9 @@ pub const COLUMNS: [Column; 10] = [
     Column { name: "z_m", kind: LENGTH },
     Column { name: "height_m", kind: LENGTH },
     Column { name: "crown_radius_m", kind: LENGTH },
-    Column { name: "dbh_m", kind: Kind::Real { decimals: 4 } },
-    Column { name: "age_years", kind: Kind::Real { decimals: 2 } },
-    Column { name: "vigor", kind: Kind::Real { decimals: 4 } },
+    Column { name: "dbh_m", kind: THICKNESS },
+    Column { name: "age_years", kind: YEARS },
+    Column { name: "vigor", kind: FRACTION },
 ];
 
 /// Formats of a table.
@@ -74,47 +85,41 @@ pub fn write<W: Write + Send>(
     frame: &Frame,
     format: TableFormat,
 ) -> io::Result<()> {
-    let table = PlantsTable::new(plants, biome, frame.south_west());
+    write_table(out, &PlantsTable::new(plants, biome, frame.south_west()), &frame.crs, format)
+}
+
+/// Writes any table whose places, if it has some, are in `crs`.
+pub(super) fn write_table<W: Write + Send>(
+    out: W,
+    table: &dyn Table,
+    crs: &Crs,
+    format: TableFormat,
+) -> io::Result<()> {
     match format {
-        TableFormat::Parquet => geoparquet::write(out, &table, &frame.crs),
-        TableFormat::Csv => csv::write(out, &table),
+        TableFormat::Parquet => geoparquet::write(out, table, crs),
+        TableFormat::Csv => csv::write(out, table),
     }
+}
+
+/// Easting and northing of a position in the scene.
+pub(super) fn map_coordinates(south_west: MapPoint, east_m: f32, north_m: f32) -> [f64; 2] {
+    [south_west.east_m + f64::from(east_m), south_west.north_m + f64::from(north_m)]
 }
 
 /// Plants seen as a table.
 struct PlantsTable<'a> {
     plants: &'a Plants,
-    species: Vec<std::borrow::Cow<'a, str>>,
+    species: Vec<Cow<'a, str>>,
     south_west: MapPoint,
-    /// Indices of the plants by id, where they do not stand that way.
-    order: Option<Vec<usize>>,
+    order: RowOrder,
 }
 
 impl<'a> PlantsTable<'a> {
     fn new(plants: &'a Plants, biome: &'a Biome, south_west: MapPoint) -> Self {
-        assert!(
-            plants.id.iter().all(|id| i64::try_from(*id).is_ok()),
-            "plant ids stay below 2⁶³: most programs know signed whole numbers only"
-        );
-        assert!(
-            plants.species.iter().all(|species| usize::from(*species) < biome.species.len()),
-            "every plant is of a species of the biome"
-        );
-        let order = (!plants.id.is_sorted()).then(|| {
-            let mut order: Vec<usize> = (0..plants.len()).collect();
-            order.sort_by_key(|index| plants.id[*index]);
-            order
-        });
-        let species = biome.species.iter().map(|species| species.key.as_str().into()).collect();
+        checks::assert_ids(plants.id.iter().copied(), "plant");
+        let species = checks::species_words(plants.species.iter().copied(), biome);
+        let order = RowOrder::by_key(plants.len(), |index| plants.id[index]);
         Self { plants, species, south_west, order }
-    }
-
-    /// What `value` gives for the plants of some rows.
-    fn rows_of<T>(&self, rows: Range<usize>, value: impl Fn(usize) -> T) -> Vec<T> {
-        match &self.order {
-            None => rows.map(value).collect(),
-            Some(order) => order[rows].iter().map(|index| value(*index)).collect(),
-        }
     }
 }
 
@@ -131,25 +136,24 @@ impl Table for PlantsTable<'_> {
         let plants = self.plants;
         let numbers = match COLUMNS[column].name {
             "id" => {
-                let ids = self.rows_of(rows, |i| plants.id[i].cast_signed());
+                let ids = self.order.values(rows, |i| plants.id[i].cast_signed());
                 return Values::Integers(ids.into());
             }
             "species" => {
-                let indices = self.rows_of(rows, |i| plants.species[i]);
+                let indices = self.order.values(rows, |i| plants.species[i]);
                 return Values::Words {
                     indices: indices.into(),
                     words: self.species.as_slice().into(),
                 };
             }
             "layer" => {
-                let indices = self.rows_of(rows, |i| plants.layer[i] as u16);
+                let indices = self.order.values(rows, |i| plants.layer[i] as u16);
                 let words = Layer::ALL.map(|layer| layer.name().into()).to_vec();
                 return Values::Words { indices: indices.into(), words: words.into() };
             }
             "geometry" => {
-                let MapPoint { east_m, north_m } = self.south_west;
-                let points = self.rows_of(rows, |i| {
-                    [east_m + f64::from(plants.east_m[i]), north_m + f64::from(plants.north_m[i])]
+                let points = self.order.values(rows, |i| {
+                    map_coordinates(self.south_west, plants.east_m[i], plants.north_m[i])
                 });
                 return Values::Points(points.into());
             }
@@ -161,7 +165,7 @@ impl Table for PlantsTable<'_> {
             "vigor" => &plants.vigor,
             other => unreachable!("column {other} has no values"),
         };
-        Values::Reals(self.rows_of(rows, |i| numbers[i]).into())
+        Values::Reals(self.order.values(rows, |i| numbers[i]).into())
     }
 }
 
@@ -184,39 +188,9 @@ where
     geoparquet::read(source, &COLUMNS, &frame.crs, max_plants, &mut |run| {
         append(&mut plants, run, biome, &place)
     })?;
-    check_ids(&plants.id)?;
+    checks::check_ids(&plants.id, "plant")?;
     Ok(plants)
 }
-
-/// Where the scene lies and how far it reaches.
-struct Place {
-    south_west: MapPoint,
-    width_m: f32,
-    height_m: f32,
-}
-
-impl Place {
-    fn new(frame: &Frame) -> Self {
-        let side_m = |cells: usize| (cells as f64 * frame.transform.cell_m) as f32; // rounded as positions are
-        Self {
-            south_west: frame.south_west(),
-            width_m: side_m(frame.cols),
-            height_m: side_m(frame.rows),
-        }
-    }
-
-    /// Metres east and north of the corner, `None` outside the scene.
-    fn position(&self, [east_m, north_m]: [f64; 2]) -> Option<(f32, f32)> {
-        // the difference of two f64 holds all that f32 keeps
-        let east_m = (east_m - self.south_west.east_m) as f32;
-        let north_m = (north_m - self.south_west.north_m) as f32;
-        let is_inside =
-            (0.0..=self.width_m).contains(&east_m) && (0.0..=self.height_m).contains(&north_m);
-        is_inside.then_some((east_m, north_m))
-    }
-}
-
-const EDIT_AGAIN: &str = "correct the table, or run the stage again that made it";
 
 /// Adds a run of rows, whose columns are [`COLUMNS`].
 fn append(
@@ -229,23 +203,19 @@ fn append(
     for (column, values) in COLUMNS.iter().zip(run) {
         match (column.name, values) {
             ("id", Values::Integers(ids)) => {
-                for id in ids.iter() {
-                    plants.id.push(u64::try_from(*id).map_err(|_| {
-                        ParseError::new(format!("plant id {id} is negative"), EDIT_AGAIN)
-                    })?);
-                }
+                checks::append_ids(&mut plants.id, &ids, "plant")?;
             }
             ("species", Values::Words { indices, words }) => {
-                let species = words
-                    .iter()
-                    .map(|word| species_index(biome, word))
-                    .collect::<Result<Vec<u16>, _>>()?;
-                plants.species.extend(indices.iter().map(|index| species[usize::from(*index)]));
+                let index = |key: &str| checks::species_index(biome, key);
+                checks::append_words(&mut plants.species, &indices, &words, index)?;
             }
             ("layer", Values::Words { indices, words }) => {
-                let layers =
-                    words.iter().map(|word| layer(word)).collect::<Result<Vec<Layer>, _>>()?;
-                plants.layer.extend(indices.iter().map(|index| layers[usize::from(*index)]));
+                let layer = |name: &str| {
+                    Layer::from_name(name).ok_or_else(|| {
+                        checks::unknown_word(name, "layer", &Layer::ALL.map(Layer::name))
+                    })
+                };
+                checks::append_words(&mut plants.layer, &indices, &words, layer)?;
             }
             ("geometry", Values::Points(points)) => {
                 for (row, point) in (start..).zip(points.iter()) {
@@ -269,52 +239,12 @@ fn append(
                     "age_years" => (&mut plants.age_years, 0.0),
                     _ => (&mut plants.vigor, f32::MIN),
                 };
-                let allowed = least..=f32::MAX;
-                if let Some(row) = numbers.iter().position(|number| !allowed.contains(number)) {
-                    let what =
-                        format!("the plant of row {} has {name} = {}", start + row, numbers[row]);
-                    return Err(ParseError::new(what, EDIT_AGAIN));
-                }
-                into.extend_from_slice(&numbers);
+                checks::append_reals(into, &numbers, least..=f32::MAX, "plant", name)?;
             }
             (name, _) => unreachable!("column {name} was read as another kind"),
         }
     }
     Ok(())
-}
-
-fn species_index(biome: &Biome, key: &str) -> Result<u16, ParseError> {
-    let index = biome.species_index(key).and_then(|index| u16::try_from(index).ok());
-    index.ok_or_else(|| {
-        let keys: Vec<&str> = biome.species.iter().map(|species| species.key.as_str()).collect();
-        ParseError::new(
-            format!("`{key}` is no species of the biome {}", biome.key),
-            format!("name one of {}, or the biome that has it", keys.join(", ")),
-        )
-    })
-}
-
-fn layer(name: &str) -> Result<Layer, ParseError> {
-    Layer::from_name(name).ok_or_else(|| {
-        let known = Layer::ALL.map(Layer::name).join(" or ");
-        ParseError::new(format!("`{name}` is no layer"), format!("name {known}"))
-    })
-}
-
-/// Refuses ids that two plants share.
-fn check_ids(ids: &[u64]) -> Result<(), ParseError> {
-    let twice =
-        |sorted: &[u64]| sorted.windows(2).find(|pair| pair[0] == pair[1]).map(|pair| pair[0]);
-    let found = if ids.is_sorted() {
-        twice(ids)
-    } else {
-        let mut sorted = ids.to_vec();
-        sorted.sort_unstable();
-        twice(&sorted)
-    };
-    found.map_or(Ok(()), |id| {
-        Err(ParseError::new(format!("two plants have the id {id}"), EDIT_AGAIN))
-    })
 }
 
 #[cfg(test)]
@@ -323,7 +253,7 @@ mod tests {
 
     use super::*;
     use crate::io::ParseErrorKind;
-    use crate::raster::{Crs, GeoTransform};
+    use crate::raster::GeoTransform;
 
     fn biome() -> Biome {
         Biome::builtin("sonoma").unwrap()
@@ -493,23 +423,6 @@ mod tests {
     }
 
     proptest! {
-        #[test]
-        fn positions_read_back_at_any_corner(
-            west in -8e6..8e6_f64, south in -8e6..8e6_f64, east in 0.015_625..6000_f32, north in 0.015_625..4000_f32,
-        ) {
-            let place = Place::new(&frame(west, south, Crs::Local));
-            let MapPoint { east_m, north_m } = place.south_west;
-            let point = [east_m + f64::from(east), north_m + f64::from(north)];
-            prop_assert_eq!(place.position(point), Some((east, north)));
-        }
-
-        #[test]
-        fn positions_at_the_edge_read_back_within_a_nanometre(west in 4.2e6..8e6_f64, east in 0.0..0.0157_f32) {
-            let place = Place::new(&frame(west, 0.0, Crs::Local));
-            let (found, _) = place.position([west + f64::from(east), 1.0]).unwrap();
-            prop_assert!((found - east).abs() <= 1e-9);
-        }
-
         #[test]
         fn damaged_files_are_refused_or_read(
             cut in 0..20_000_usize, flips in prop::collection::vec((0..20_000_usize, 1..=255_u8), 0..4),

@@ -24,7 +24,7 @@ use parquet::file::metadata::ParquetMetaData;
 use parquet::file::reader::{ChunkReader, Length};
 use serde_json::Value;
 
-use super::{GEO_KEY, POINT_BYTES};
+use super::{GEO_KEY, LINE_BYTES, POINT_BYTES};
 use crate::io::geotiff::ByteSource;
 use crate::io::table::{Column, Kind, Values};
 use crate::io::{ParseError, ParseErrorKind};
@@ -39,7 +39,7 @@ const AGAIN: &str = "write it again, or run the stage again that made it";
 ///
 /// # Errors
 /// If the file is damaged, is packed in a way not known here, lacks one of the columns or a value in it, has more than
-/// `max_rows` rows, or has its points in another system than `crs`; or whatever `each` gives.
+/// `max_rows` rows, or has its places in another system than `crs`; or whatever `each` gives.
 pub fn read<S>(
     source: Arc<S>,
     columns: &[Column],
@@ -138,9 +138,9 @@ fn check_layout(metadata: &ParquetMetaData, bytes: u64, max_rows: usize) -> Resu
     Ok(())
 }
 
-/// Refuses points that say they are in another system; those that do not say are taken for `crs`.
+/// Refuses points and lines that say they are in another system; those that do not say are taken for `crs`.
 fn check_crs(metadata: &ParquetMetaData, columns: &[Column], crs: &Crs) -> Result<(), ParseError> {
-    let Some(points) = columns.iter().find(|column| column.kind == Kind::Point) else {
+    let Some(geometry) = columns.iter().find(|column| column.kind.is_geometry()) else {
         return Ok(());
     };
     let pairs = metadata.file_metadata().key_value_metadata();
@@ -150,7 +150,7 @@ fn check_crs(metadata: &ParquetMetaData, columns: &[Column], crs: &Crs) -> Resul
     let geo: Value = serde_json::from_str(text).map_err(|e| {
         ParseError::new(format!("the table's `geo` metadata is no JSON ({e})"), AGAIN)
     })?;
-    let named = match geo["columns"][points.name].get("crs") {
+    let named = match geo["columns"][geometry.name].get("crs") {
         // the specification's default
         None => Some("OGC:CRS84 (degrees)".to_owned()),
         Some(named) => {
@@ -163,7 +163,7 @@ fn check_crs(metadata: &ParquetMetaData, columns: &[Column], crs: &Crs) -> Resul
     };
     match named {
         Some(named) if !named.eq_ignore_ascii_case(&crs.to_string()) => Err(ParseError::new(
-            format!("the points are in {named}, the scene is in {crs}"),
+            format!("the places are in {named}, the scene is in {crs}"),
             "bring them into the scene's system, e.g. with GeoPandas' to_crs",
         )),
         _ => Ok(()),
@@ -255,12 +255,24 @@ fn values(batch: &RecordBatch, column: &Column) -> Result<Values<'static>, Parse
                 .collect::<Result<Vec<[f64; 2]>, _>>()?
                 .into(),
         ),
+        (Kind::Line, DataType::Binary) => Values::Lines(
+            array
+                .as_binary::<i32>()
+                .iter()
+                .flatten()
+                .map(|bytes| {
+                    line(bytes).ok_or_else(|| wrong("has something that is no line of two points"))
+                })
+                .collect::<Result<Vec<[[f64; 2]; 2]>, _>>()?
+                .into(),
+        ),
         (kind, found) => {
             let expected = match kind {
                 Kind::Integer => "whole numbers",
                 Kind::Real { .. } => "real numbers",
                 Kind::Word => "text",
                 Kind::Point => "points as well-known binary",
+                Kind::Line => "lines as well-known binary",
             };
             return Err(wrong(&format!("holds {found}, not {expected}")));
         }
@@ -292,12 +304,29 @@ fn words<'a>(texts: impl Iterator<Item = &'a str>) -> Values<'static> {
 /// The place that well-known binary gives, if it is a point with two coordinates.
 fn point(bytes: &[u8]) -> Option<[f64; 2]> {
     let bytes: &[u8; POINT_BYTES] = bytes.try_into().ok()?;
-    let eight = |at: usize| -> [u8; 8] { std::array::from_fn(|i| bytes[at + i]) };
-    match bytes[..5] {
-        [1, 1, 0, 0, 0] => Some([5, 13].map(|at| f64::from_le_bytes(eight(at)))),
-        [0, 0, 0, 0, 1] => Some([5, 13].map(|at| f64::from_be_bytes(eight(at)))),
-        _ => None,
-    }
+    let is_little = match bytes[..5] {
+        [1, 1, 0, 0, 0] => true,
+        [0, 0, 0, 0, 1] => false,
+        _ => return None,
+    };
+    Some([5, 13].map(|at| coordinate(bytes, at, is_little)))
+}
+
+/// The ends of the line that well-known binary gives, if it has two points with two coordinates each.
+fn line(bytes: &[u8]) -> Option<[[f64; 2]; 2]> {
+    let bytes: &[u8; LINE_BYTES] = bytes.try_into().ok()?;
+    let is_little = match bytes[..9] {
+        [1, 2, 0, 0, 0, 2, 0, 0, 0] => true,
+        [0, 0, 0, 0, 2, 0, 0, 0, 2] => false,
+        _ => return None,
+    };
+    Some([[9, 17], [25, 33]].map(|point| point.map(|at| coordinate(bytes, at, is_little))))
+}
+
+/// The coordinate at a place in well-known binary, in either order of bytes.
+fn coordinate(bytes: &[u8], at: usize, is_little: bool) -> f64 {
+    let eight = std::array::from_fn(|i| bytes[at + i]);
+    if is_little { f64::from_le_bytes(eight) } else { f64::from_be_bytes(eight) }
 }
 
 #[cfg(test)]
@@ -409,6 +438,19 @@ mod tests {
         assert!(geo(&id("32612")).unwrap_err().what.contains("EPSG:32612"));
         assert!(geo("").unwrap_err().what.contains("degrees"));
         assert!(rows(file(columns(), Some("{"))).unwrap_err().what.contains("no JSON"));
+    }
+
+    #[test]
+    fn lines_of_two_points_are_read_in_either_order_of_bytes() {
+        let ends = [[1.5, -2.0], [500_000.25, 7.0]];
+        let little = super::super::line_bytes(&ends);
+        let numbers = ends.iter().flatten().flat_map(|n: &f64| n.to_be_bytes());
+        let big: Vec<u8> = [0, 0, 0, 0, 2, 0, 0, 0, 2].into_iter().chain(numbers).collect();
+        assert_eq!((line(&little), line(&big)), (Some(ends), Some(ends)));
+        let mut three_points = little;
+        three_points[5] = 3;
+        assert_eq!((line(&three_points), line(&little[..40]), line(&[])), (None, None, None));
+        assert_eq!((line(&point_bytes(true, 1.0)), point(&little)), (None, None));
     }
 
     #[test]
