@@ -1,11 +1,11 @@
 //! Lives through years of a whole forest on a terrain from bare ground, and prints its figures:
-//! `forest_years DEM BIOME YEARS [EVENTS]`.
+//! `forest_years DEM BIOME YEARS [EVENTS]`; BIOME is a name or a file like those of `species/`.
 
 use std::error::Error;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use wildwood::abiotics::{self, moisture};
+use wildwood::abiotics;
 use wildwood::pipeline::import::{self, ImportRequest};
 use wildwood::progress::Reporter;
 use wildwood::simulation::deadwood::DecayParameters;
@@ -20,9 +20,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         [dem, biome, years, ..] => (dem, biome, years.parse::<u16>()?),
         _ => return Err("usage: forest_years DEM BIOME YEARS [EVENTS]".into()),
     };
-    let _ = moisture::MoistureParams::default();
     let reporter = Reporter::silent();
-    let biome = Biome::builtin(biome)?;
+    let biome = if biome.ends_with(".toml") {
+        Biome::from_toml(&std::fs::read_to_string(biome)?)?
+    } else {
+        Biome::builtin(biome)?
+    };
     let request = ImportRequest {
         biome: biome.key.clone(),
         ..ImportRequest::new(vec![PathBuf::from(dem)], PathBuf::from("unused"))
@@ -42,7 +45,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let plot = Plot::open(&maps, &barren, &biome, &parameters);
     println!("{} cells, {} bytes a cell", plot.cells(), plot.bytes() as f64 / plot.cells() as f64);
     let site = Site { plot, elevation_m: &terrain.elevation_m, biome: &biome };
-    let mut forest = Forest::new(site, parameters, DecayParameters::peytavie2024(), 1);
+    let env = |name: &str, default: f32| {
+        std::env::var(name).ok().and_then(|v| v.parse::<f32>().ok()).unwrap_or(default)
+    };
+    let mut decay = DecayParameters::peytavie2024();
+    decay.snag_years_per_year = env("SNAG", decay.snag_years_per_year);
+    decay.downed_log_years_per_year = env("LOG", decay.downed_log_years_per_year);
+    let mut parameters = parameters;
+    parameters.survivors_fraction = env("SURV", parameters.survivors_fraction);
+    let mut forest = Forest::new(site, parameters, decay, 1);
     let start = Instant::now();
     let mut lap = Instant::now();
     println!(

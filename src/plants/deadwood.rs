@@ -280,7 +280,7 @@ pub struct TimelineRow {
     pub sprouted: u32,
     /// Basal area of live stems of 7.5 cm and more, m²/ha.
     pub live_m2_ha: f32,
-    /// The same of snags that reach breast height.
+    /// The same of snags that are more than stumps.
     pub snag_m2_ha: f32,
     /// The same of downed stems: the cross section of their thick ends; branches are left out.
     pub downed_log_m2_ha: f32,

@@ -5,6 +5,7 @@
 
 use super::branches::Branches;
 use super::decay::{self, LEAST_DENSITY_OF_CLASS};
+use crate::math;
 use crate::plants::deadwood::Cause;
 use crate::species::Species;
 
@@ -54,6 +55,11 @@ pub struct Fallen {
 pub const STUMP_M: f32 = 2.0;
 /// Least height of a stump. chosen: a stem that rots off at the ground leaves some decimetres.
 const LEAST_STUMP_M: f32 = 0.3;
+/// Chance, for each year of decay, that a snag of class 1–5 falls from its stump. chosen: half of them stand for some twelve years
+/// of decay, within the 5–25 years that inventories of dead conifers and beeches report.
+const FALL_PROBABILITY_PER_DECAY_YEAR: [f32; 5] = [0.0, 0.03, 0.06, 0.1, 1.0];
+/// How stems taper: diameter falls with this power of the distance from the top. chosen: gives the form factor 0.45.
+const TAPER_EXPONENT: f32 = 0.61;
 /// Shares of its height at which a snag snaps. chosen: anywhere but near its ends.
 const SNAP_FRACTIONS: [f32; 2] = [0.25, 0.75];
 
@@ -80,11 +86,17 @@ impl Snag {
 
     /// Diameter of its stem at a height, m: breast height's at the foot, nothing at the top.
     pub fn diameter_at_m(&self, height_m: f32) -> f32 {
-        self.dbh_m * (1.0 - height_m / self.height_at_death_m).max(0.0)
+        let left = (1.0 - height_m / self.height_at_death_m).max(0.0);
+        self.dbh_m * math::powf(left, TAPER_EXPONENT)
     }
 
-    /// Ages by years of decay and tells what falls. `draws` decide on the heights of the two breaks.
-    pub fn age(&mut self, years: f32, species: &Species, draws: [f32; 2]) -> Fallen {
+    /// Ages by years of decay and tells what falls. Of `draws`, the first two decide on the heights of breaks, the third on
+    /// whether its roots give way.
+    ///
+    /// # Departures
+    /// The paper's snags stand until their stem snaps and rots off. Most real ones fall before, as roots rot: each year of
+    /// decay has a chance of it ([`FALL_PROBABILITY_PER_DECAY_YEAR`]), without which two thirds of deadwood stood.
+    pub fn age(&mut self, years: f32, species: &Species, draws: [f32; 3]) -> Fallen {
         let before = self.decay_class();
         self.decayed_years = (self.decayed_years + years).min(self.deathspan_years);
         let density = self.density_fraction();
@@ -101,7 +113,8 @@ impl Snag {
 
         // the stem: it snaps on the way to class 4, and is a stump in class 5
         let stump_m = LEAST_STUMP_M + draws[1] * (STUMP_M - LEAST_STUMP_M);
-        let breaks_at_m = if class == 5 && self.height_m > STUMP_M {
+        let falls = draws[2] < years * FALL_PROBABILITY_PER_DECAY_YEAR[usize::from(class) - 1];
+        let breaks_at_m = if (class == 5 || falls) && self.height_m > STUMP_M {
             fallen.leaves_stump = true;
             stump_m
         } else if class == 4 && before < 4 {
@@ -148,7 +161,7 @@ mod tests {
         let (mut branches, mut breaks) = (0, Vec::new());
         let (mut class, mut density) = (1, 1.0);
         for year in 1..=40 {
-            let fallen = snag.age(1.0, fir, [0.5, 0.5]);
+            let fallen = snag.age(1.0, fir, [0.5, 0.5, 1.0]);
             assert!(snag.decay_class() >= class && snag.density_fraction() <= density);
             (class, density) = (snag.decay_class(), snag.density_fraction());
             branches += fallen.branches;
@@ -168,7 +181,7 @@ mod tests {
         let fir = biome.species_by_key("silver-fir").unwrap();
         let mut snag = Snag { height_m: 1.8, height_at_death_m: 1.8, ..snag() };
         for _ in 0..40 {
-            assert_eq!(snag.age(1.0, fir, [0.5, 0.5]).stem_above_m, None);
+            assert_eq!(snag.age(1.0, fir, [0.5, 0.5, 1.0]).stem_above_m, None);
         }
         assert!(snag.is_gone());
     }

@@ -197,9 +197,9 @@ impl Stock {
             let species = traits[usize::from(snag.species)].species();
             let source = Source { id: snag.id, index: snag.species, species, at };
             let key = Key { seed, process: Process::SnagDecay, year, month: 0, entity: snag.id };
-            let [snap, stump, lean, _] = rng::uniforms(key);
+            let [snap, stump, lean, roots] = rng::uniforms(key);
             let years = ground.viability(at) * parameters.snag_years_per_year;
-            let fallen = snag.age(years, species, [snap, stump]);
+            let fallen = snag.age(years, species, [snap, stump, roots]);
             let decayed_fraction = snag.decayed_years / snag.deathspan_years;
             if fallen.branches > 0 {
                 let when = [f32::from(year), decayed_fraction];

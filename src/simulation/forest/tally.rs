@@ -3,12 +3,11 @@
 use crate::plants::deadwood::{Cause, DownedLogKind, TimelineRow};
 use crate::simulation::Community;
 use crate::simulation::deadwood::Stock;
+use crate::simulation::deadwood::snag::STUMP_M;
 use crate::species::Biome;
 
 /// Least stem that counts in basal areas. Peytavie et al. 2024, section 7.2: 7.5 cm.
 pub const LEAST_DBH_M: f32 = 0.075;
-/// Height at which stems are measured.
-const BREAST_HEIGHT_M: f32 = 1.3;
 
 /// Plants that came and went since a simulation began: what lives is the difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -67,7 +66,7 @@ pub fn rows(
     for snag in &stock.snags {
         let species = usize::from(snag.species);
         rows[species].snags += 1;
-        if snag.dbh_m >= LEAST_DBH_M && snag.height_m >= BREAST_HEIGHT_M {
+        if snag.dbh_m >= LEAST_DBH_M && snag.height_m > STUMP_M {
             areas_m2[species][1] += cross_section_m2(snag.dbh_m);
         }
     }
