@@ -1,13 +1,14 @@
 //! Pictures and files for others: one format a file.
 //!
 //! Reading order: [`preview`] (a map sheet as PNG), its parts [`layout`], [`relief`], [`ramp`], [`rivers`], [`scale`],
-//! [`fit`]; of forests [`crown_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
+//! [`fit`]; of forests [`crown_layer`], [`deadwood_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
 //! from the side); [`timeline`] (its years) with [`chart`]; and what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`].
 
 pub mod canvas;
 pub mod chart;
 pub mod close_up;
 pub mod crown_layer;
+pub mod deadwood_layer;
 pub mod fit;
 pub mod furniture;
 pub mod layout;
