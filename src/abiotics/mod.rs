@@ -34,7 +34,7 @@ pub use sunlight::SunlightParams;
 pub use temperature::MonthlyTemperature;
 
 /// How abiotic maps are made.
-#[derive(Clone, Debug, Default, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Params {
     /// Sunlight.
     pub sunlight: SunlightParams,

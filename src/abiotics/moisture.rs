@@ -40,7 +40,7 @@ use super::routing::{Routed, route};
 use super::water_balance::{CellSite, DAYS, WaterYear};
 
 /// What the moisture model can be told.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MoistureParams {
     /// Rate at which any soil drains below its roots, per month.
     /// Calibrated (see the module).

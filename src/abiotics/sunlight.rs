@@ -17,7 +17,7 @@ use crate::species::Climate;
 use crate::terrain::Terrain;
 
 /// How sunlight is worked out.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SunlightParams {
     /// Directions in which the horizon is looked up, at least 8 (fewer are taken as 8).
     pub azimuth_count: usize,

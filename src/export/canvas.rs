@@ -3,6 +3,7 @@
 use image::{Rgb as Pixel, RgbImage};
 
 use super::ramp::Rgb;
+use super::strokes::{Ends, Stroke};
 
 /// A picture under way.
 pub struct Canvas {
@@ -91,6 +92,48 @@ impl Canvas {
         }
     }
 
+    /// A line through points with round joints and ends, anti-aliased; where it meets itself it is no darker. One point
+    /// is a dot. Widths below a pixel are drawn as a paler line of one.
+    pub fn polyline(&mut self, points: &[[f32; 2]], width_px: f32, color: Rgb, alpha: f32) {
+        let alpha = alpha * width_px.clamp(0.0, 1.0);
+        let half_width = [0.5 * width_px.max(1.0); 2];
+        let stroke =
+            |from: [f32; 2], to: [f32; 2]| Stroke { from, to, half_width, ends: Ends::Round };
+        let strokes: Vec<Stroke> = match points {
+            [point] => vec![stroke(*point, *point)],
+            _ => points.windows(2).map(|pair| stroke(pair[0], pair[1])).collect(),
+        };
+        let [wide, high] = [self.image.width(), self.image.height()].map(|n| n as usize);
+        // `as` cuts negatives to 0
+        let span = |low: f32, high: f32, end: usize| {
+            (low.max(0.0) as usize).min(end)..((high + 1.0).max(0.0) as usize).min(end)
+        };
+        // coverage of all strokes together, over the box that holds them
+        let boxes = || strokes.iter().map(Stroke::bounds);
+        let bound = |corner: usize, axis: usize, pick: fn(f32, f32) -> f32, start: f32| {
+            boxes().map(|b| b[corner][axis]).fold(start, pick)
+        };
+        let cols = span(bound(0, 0, f32::min, f32::MAX), bound(1, 0, f32::max, f32::MIN), wide);
+        let rows = span(bound(0, 1, f32::min, f32::MAX), bound(1, 1, f32::max, f32::MIN), high);
+        let mut coverage = vec![0.0_f32; rows.len() * cols.len()];
+        for stroke in &strokes {
+            let [[left, top], [right, bottom]] = stroke.bounds();
+            for row in span(top, bottom, high) {
+                for col in span(left, right, wide) {
+                    let here = stroke.touch([col as f32 + 0.5, row as f32 + 0.5]).coverage;
+                    let pixel = &mut coverage[(row - rows.start) * cols.len() + col - cols.start];
+                    *pixel = pixel.max(here);
+                }
+            }
+        }
+        for (index, coverage) in coverage.into_iter().enumerate() {
+            if coverage > 0.0 {
+                let (row, col) = (rows.start + index / cols.len(), cols.start + index % cols.len());
+                self.blend(col as i64, row as i64, color, alpha * coverage);
+            }
+        }
+    }
+
     /// A filled convex polygon of corners in order, anti-aliased by sixteen samples a pixel.
     pub fn polygon(&mut self, corners: &[[f32; 2]], color: Rgb) {
         let bound = |axis: usize, pick: fn(f32, f32) -> f32, start: f32| {
@@ -148,6 +191,23 @@ mod tests {
         let full = canvas.image().pixels().filter(|p| p.0 == [0; 3]).count();
         let part = canvas.image().pixels().filter(|p| p.0 != [0; 3] && p.0 != [255; 3]).count();
         assert_eq!((full, part), (12, 3));
+    }
+
+    #[test]
+    fn lines_have_their_width_and_are_no_darker_where_they_meet() {
+        let mut canvas = Canvas::new(40, 40, [255; 3]);
+        // there and back again
+        canvas.polyline(&[[5.0, 20.0], [35.0, 20.0], [5.0, 20.0]], 2.0, [0; 3], 0.5);
+        let column = |x: u32| (0..40).map(move |y| [x, y]);
+        let inked: Vec<u8> = column(20)
+            .map(|[x, y]| canvas.image().get_pixel(x, y).0[0])
+            .filter(|v| *v < 255)
+            .collect();
+        assert_eq!(inked, [180, 180], "half the light of white");
+        canvas.polyline(&[], 2.0, [0; 3], 1.0);
+        canvas.polyline(&[[-50.0, -9.0], [90.0, 400.0]], 3.0, [0; 3], 1.0);
+        canvas.polyline(&[[30.0, 5.0]], 4.0, [9; 3], 1.0);
+        assert_eq!(canvas.image().get_pixel(30, 5).0, [9; 3]);
     }
 
     #[test]

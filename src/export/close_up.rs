@@ -2,9 +2,10 @@
 //! stands under the canopy.
 //!
 //! Reading order: [`area`] (the square); `plan` (from above) with `ground` and `symbols`; `profile` (from the side)
-//! with `silhouettes`; `legend`; what they share: `light` (translucent layers) and `variety`.
+//! with `silhouettes`; `deadwood` (from both); `legend`; what they share: `light` (translucent layers) and `variety`.
 
 pub mod area;
+mod deadwood;
 mod ground;
 mod legend;
 mod light;
@@ -24,11 +25,13 @@ use super::layout::{HEADER_PX, MARGIN_PX};
 use super::lettering::{Align, Lettering, Style};
 use super::scale;
 use crate::plants::Plants;
+use crate::plants::deadwood::Deadwood;
 use crate::raster::{Frame, Grid};
 use crate::species::Biome;
 use area::{Area, AreaError};
+use deadwood::SeenDeadwood;
 use ground::{GroundCover, Litters};
-use legend::{Figures, LayerLegend};
+use legend::{DeadwoodLegend, Figures, LayerLegend};
 use plan::{Seen, View};
 use profile::{Site, Transect};
 
@@ -59,6 +62,14 @@ const REMARKS: [&str; 7] = [
     "A–A′: the strip that the profile shows.",
 ];
 
+/// How deadwood is to be read, where a forest has it.
+const DEADWOOD_REMARKS: [&str; 3] = [
+    "Crossed circle: snag, a dead tree that stands.",
+    "Its rays are the branches that it still has.",
+    "Brown bar: downed log, the paler the more decayed.",
+];
+const REMARK_PX: u32 = 22;
+
 /// What a close-up is drawn from; all rasters on one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct CloseUpInput<'a> {
@@ -72,6 +83,8 @@ pub struct CloseUpInput<'a> {
     pub grass_height_m: Option<&'a Grid<f32>>,
     /// Share of the ground under litter, where it was worked out.
     pub litterfall: Option<&'a Grid<f32>>,
+    /// Snags and downed logs, where the forest has a history.
+    pub deadwood: Option<&'a Deadwood>,
 }
 
 /// One composed picture of an area: plan, legend, profile. The same picture for the same input on every machine.
@@ -82,7 +95,7 @@ pub struct CloseUpInput<'a> {
 /// # Panics
 /// If the terrain has no cells, or a plant's species is none of the biome's.
 pub fn close_up(input: &CloseUpInput<'_>, area: &Area, title: &str) -> Result<RgbImage, AreaError> {
-    let CloseUpInput { elevation_m, plants, biome, .. } = *input;
+    let CloseUpInput { elevation_m, plants, biome, deadwood, .. } = *input;
     let frame = elevation_m.frame();
     area.check_on(frame)?;
     let litters = Litters {
@@ -94,7 +107,8 @@ pub fn close_up(input: &CloseUpInput<'_>, area: &Area, title: &str) -> Result<Rg
     let ground = GroundCover::of(elevation_m, &litters, &area.window(), PLAN_PX);
     let covers = [&seen.canopy, &seen.undergrowth]
         .map(|some| plan::cover_fraction(plants, some, &view, &ground));
-    let site = Site { elevation_m, litters: &litters, plants };
+    let dead = deadwood.map(|d| (d, SeenDeadwood::of(d, &view)));
+    let site = Site { elevation_m, litters: &litters, plants, deadwood };
     let transect = Transect::new(&site, area, PLAN_PX);
     let understorey = transect.understorey(&site, area, PLAN_PX, UNDERSTOREY_M);
 
@@ -109,13 +123,19 @@ pub fn close_up(input: &CloseUpInput<'_>, area: &Area, title: &str) -> Result<Rg
         Some(understorey) => understorey_y + understorey.height_px(),
         None => profile_y + transect.height_px(),
     };
+    let remarks: Vec<&str> = match deadwood {
+        Some(_) => REMARKS.into_iter().chain(DEADWOOD_REMARKS).collect(),
+        None => REMARKS.to_vec(),
+    };
+    let remarks_bottom = profile_y + 30 + REMARK_PX * remarks.len() as u32; // a few lines
+    let bottom = if deadwood.is_some() { bottom.max(remarks_bottom) } else { bottom };
     let height = bottom + MARGIN_PX;
     let mut pen =
         Pen { canvas: Canvas::new(width, height, PAPER), lettering: Lettering::default() };
 
     // heading, plan
     pen.heading(area, frame, &ground, title, plan_rect.x);
-    plan::draw(plants, &seen, biome, &view, &ground)
+    plan::draw(plants, &seen, dead.as_ref(), biome, &view, &ground)
         .onto(&mut pen.canvas, [plan_rect.x, plan_rect.y]);
     pen.canvas.frame(plan_rect, FRAME_INK);
     pen.strip(plan_rect, transect.depth_m() * view.px_per_m());
@@ -131,9 +151,15 @@ pub fn close_up(input: &CloseUpInput<'_>, area: &Area, title: &str) -> Result<Rg
         let layer = LayerLegend::of(plants, some, biome, &view);
         rect.y = layer.draw(&mut pen.canvas, &pen.lettering, rect, name, biome, is_canopy);
     }
+    let own = dead.as_ref().map(|(deadwood, seen)| (*deadwood, seen.own(deadwood, &view)));
+    if let Some((deadwood, own)) = &own {
+        let legend = DeadwoodLegend::of(deadwood, own);
+        rect.y = legend.draw(&mut pen.canvas, &pen.lettering, rect);
+    }
     let known = ground.elevation_m().mask();
     let land_m2 = known.valid_count() as f64 * m_per_px * m_per_px;
-    let figures = Figures::of(plants, &seen, &view, land_m2, covers);
+    let mut figures = Figures::of(plants, &seen, &view, land_m2, covers);
+    figures.downed_m3_ha = own.as_ref().map(|(d, own)| own.downed_m3(d) * 1e4 / land_m2.max(1.0));
     figures.draw(&mut pen.canvas, &pen.lettering, rect);
 
     // profiles
@@ -141,11 +167,11 @@ pub fn close_up(input: &CloseUpInput<'_>, area: &Area, title: &str) -> Result<Rg
     let stand = Some((&transect, "Profile A–A′", profile_y));
     let low = understorey.as_ref().map(|low| (low, "Undergrowth A–A′", understorey_y));
     for (transect, name, y) in stand.into_iter().chain(low) {
-        pen.profile_heading(transect, name, plants, [plan_rect.x, y - 42]);
+        pen.profile_heading(transect, name, &site, [plan_rect.x, y - 42]);
         let place = [plan_rect.x, y];
-        transect.draw(&mut pen.canvas, &pen.lettering, place, plants, biome, crowding);
+        transect.draw(&mut pen.canvas, &pen.lettering, place, &site, biome, crowding);
     }
-    pen.remarks(legend_x, profile_y);
+    pen.remarks([legend_x, profile_y], &remarks);
     Ok(pen.canvas.into_image())
 }
 
@@ -202,25 +228,29 @@ impl Pen {
         &mut self,
         transect: &Transect,
         name: &str,
-        plants: &Plants,
+        site: &Site<'_>,
         [x, y]: [u32; 2],
     ) {
         self.text(x, y, Align::Left, name, CAPTION);
-        let [trees, low] = transect.counts(plants);
+        let [trees, low] = transect.counts(site.plants);
         let depth = scale::trimmed(f64::from(transect.depth_m()), 1);
         let length = scale::trimmed(f64::from(transect.length_m()), 0);
         let more = if transect.is_longer() { ", beyond the square too" } else { "" };
-        let facts = format!(
+        let mut facts = format!(
             "looking north   ·   {length} m long{more}, {depth} m deep   ·   true scale   ·   canopy trees: {trees}, undergrowth: {low}"
         );
+        if site.deadwood.is_some() {
+            let [snags, logs] = transect.dead_counts();
+            facts += &format!(", snags: {snags}, downed logs: {logs}");
+        }
         let after = x + self.lettering.width_px(name, CAPTION) as u32 + 12;
         self.text(after, y, Align::Left, &facts, UNIT);
     }
 
-    fn remarks(&mut self, x: u32, y: u32) {
+    fn remarks(&mut self, [x, y]: [u32; 2], remarks: &[&str]) {
         self.text(x, y + 16, Align::Left, "How to read it", CAPTION);
-        for (line, remark) in (1_u32..).zip(REMARKS) {
-            self.text(x, y + 18 + 22 * line, Align::Left, remark, LABEL);
+        for (line, remark) in (1_u32..).zip(remarks) {
+            self.text(x, y + 18 + REMARK_PX * line, Align::Left, remark, LABEL);
         }
     }
 }
@@ -230,6 +260,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::export::deadwood_layer::tests::{logs, snags};
     use crate::plants::Layer;
     use crate::raster::Mask;
 
@@ -260,6 +291,15 @@ mod tests {
     }
 
     fn draw(elevation_m: &Grid<f32>, plants: &Plants, area: &str) -> Result<RgbImage, AreaError> {
+        draw_dead(elevation_m, plants, None, area)
+    }
+
+    fn draw_dead(
+        elevation_m: &Grid<f32>,
+        plants: &Plants,
+        deadwood: Option<&Deadwood>,
+        area: &str,
+    ) -> Result<RgbImage, AreaError> {
         let biome = sonoma();
         let input = CloseUpInput {
             elevation_m,
@@ -267,6 +307,7 @@ mod tests {
             biome: &biome,
             grass_height_m: None,
             litterfall: None,
+            deadwood,
         };
         close_up(&input, &area.parse()?, "Wood")
     }
@@ -345,6 +386,48 @@ mod tests {
             numbers.reverse();
         }
         assert!(one == draw(&reversed));
+    }
+
+    #[test]
+    fn close_ups_without_deadwood_are_what_they_were_before_it_could_be_drawn() {
+        let (terrain, mut plants) = (slope(), Plants::default());
+        let low = [("toyon", 93.0, 107.0, 3.0, 2.0), ("western-swordfern", 104.0, 99.0, 0.8, 0.7)];
+        add(&mut plants, Layer::Undergrowth, &low);
+        add(&mut plants, Layer::Canopy, &[("redwood", 95.0, 101.0, 40.0, 4.0)]);
+        let picture = draw(&terrain, &plants, "100,100,60").unwrap();
+        let hash = blake3::hash(picture.as_raw()).to_hex();
+        assert_eq!(
+            (picture.width(), picture.height(), &hash[..16]),
+            (1754, 2410, "5343f9509fc588f0")
+        );
+    }
+
+    #[test]
+    fn deadwood_lies_at_its_place_and_stands_in_the_profile() {
+        let (terrain, plants) = (slope(), Plants::default());
+        let east = std::f32::consts::FRAC_PI_2;
+        // across the middle of the western half; a snag in the strip of the eastern half
+        let deadwood = Deadwood {
+            downed_logs: logs(&[(75.0, 115.0, 20.0, 1.0, east, 1)]),
+            snags: snags(&[(115.0, 100.0, 20.0, 30.0, 0.8, 0.6, 3)]),
+        };
+        let draw = |deadwood| draw_dead(&terrain, &plants, Some(deadwood), "100,100,60").unwrap();
+        let nothing = Deadwood::default();
+        let (with, none) = (draw(&deadwood), draw(&nothing));
+        // 75–95 m of 70–130 m east, 115 m of 70–130 m north
+        let brown = |p: &RgbImage, west| {
+            let [r, g, b] = plan_pixel(p, west, 0.25);
+            r > g + 10 && g > b && r < 150
+        };
+        assert!(brown(&with, 0.15) && brown(&with, 0.38));
+        assert_eq!(plan_pixel(&with, 0.5, 0.25), plan_pixel(&none, 0.5, 0.25));
+        assert!(plan_pixel(&with, 0.75, 0.5) != plan_pixel(&none, 0.75, 0.5));
+        assert!(with.height() > none.height(), "the profile has room for the snag");
+        // what lies and stands elsewhere is not drawn
+        let mut far = deadwood.clone();
+        far.downed_logs.east_m[0] = 30.0;
+        far.snags.north_m[0] = 180.0;
+        assert!(draw(&far) == none);
     }
 
     #[test]

@@ -43,6 +43,8 @@ pub struct Sheet {
     pub species: Option<Rect>,
 }
 
+/// Room for a line on deadwood below the legend of species.
+pub const DEADWOOD_PX: u32 = 26;
 /// Room in the footer for scale bar, north arrow and elevation.
 const FOOTER_ITEMS_PX: u32 = 820;
 
@@ -67,6 +69,16 @@ impl Sheet {
         };
         let height = footer.height.max(legend.bottom() - footer.y);
         let footer = Rect { height, ..footer };
+        let height = footer.bottom() + MARGIN_PX / 2;
+        Self { height, footer, species: Some(legend), ..self }
+    }
+
+    /// The sheet with room for a line on deadwood below its legend of species.
+    pub fn with_deadwood(self) -> Self {
+        let Some(legend) = self.species else { return self };
+        let legend = Rect { height: legend.height + DEADWOOD_PX, ..legend };
+        let height = self.footer.height.max(legend.bottom() - self.footer.y);
+        let footer = Rect { height, ..self.footer };
         let height = footer.bottom() + MARGIN_PX / 2;
         Self { height, footer, species: Some(legend), ..self }
     }

@@ -1,12 +1,14 @@
 //! Pictures and files for others: one format a file.
 //!
 //! Reading order: [`preview`] (a map sheet as PNG), its parts [`layout`], [`relief`], [`ramp`], [`rivers`], [`scale`],
-//! [`fit`]; of forests [`crown_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
-//! from the side); and what draws: [`canvas`], [`lettering`], [`furniture`].
+//! [`fit`]; of forests [`crown_layer`], [`deadwood_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
+//! from the side); [`timeline`] (its years) with [`chart`]; and what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`].
 
 pub mod canvas;
+pub mod chart;
 pub mod close_up;
 pub mod crown_layer;
+pub mod deadwood_layer;
 pub mod fit;
 pub mod furniture;
 pub mod layout;
@@ -18,3 +20,5 @@ pub mod rivers;
 pub mod scale;
 pub mod species_legend;
 pub mod species_panel;
+pub mod strokes;
+pub mod timeline;

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::canvas::{Canvas, Rect, mix_light};
 use super::crown_layer::CrownLayer;
+use super::deadwood_layer::{self, DeadwoodLayer};
 use super::furniture::{
     self, CAPTION, FRAME_INK, INK, LABEL, NAME, PAPER, SUBTITLE, TITLE, UNIT, rounded, void_color,
 };
@@ -19,6 +20,7 @@ use super::species_legend::{self, Entry};
 use super::{fit::fit, rivers, scale, species_panel};
 use crate::canopy::species_map::SpeciesMap;
 use crate::plants::Plants;
+use crate::plants::deadwood::Deadwood;
 use crate::raster::{Crs, Frame, Grid};
 use crate::species::Biome;
 use crate::terrain::Terrain;
@@ -61,6 +63,8 @@ pub struct CanopyLayer<'a> {
     pub chm_m: &'a Grid<f32>,
     /// Which species stands where.
     pub species: &'a SpeciesMap,
+    /// Snags and downed logs, where the forest has a history.
+    pub deadwood: Option<&'a Deadwood>,
 }
 
 /// What a sheet says beside its maps.
@@ -92,6 +96,10 @@ pub fn preview(terrain: &Terrain, maps: &PreviewMaps<'_>, options: &PreviewOptio
     if let Some(species) = &species {
         sheet = sheet.with_species(species.len());
     }
+    let deadwood = maps.canopy.and_then(|c| c.deadwood);
+    if deadwood.is_some() {
+        sheet = sheet.with_deadwood();
+    }
     let mut pen = Pen {
         canvas: Canvas::new(sheet.width, sheet.height, PAPER),
         lettering: Lettering::default(),
@@ -101,7 +109,12 @@ pub fn preview(terrain: &Terrain, maps: &PreviewMaps<'_>, options: &PreviewOptio
     let elevation_range = pen.large_map(sheet.map, elevation, maps);
     pen.footer(&sheet, frame, elevation_range);
     if let (Some(rect), Some(species)) = (sheet.species, &species) {
-        pen.species_legend(rect, species, land_ha(elevation));
+        let room = if deadwood.is_some() { layout::DEADWOOD_PX } else { 0 };
+        let trees = Rect { height: rect.height - room, ..rect };
+        pen.species_legend(trees, species, land_ha(elevation));
+        if let Some(deadwood) = deadwood {
+            pen.deadwood_legend([rect.x, rect.bottom() - 6], deadwood, land_ha(elevation));
+        }
     }
     if let Some(first) = sheet.panels.first() {
         let ground = Ground::of(elevation, *first);
@@ -260,6 +273,11 @@ impl Pen {
         let crowns = maps
             .canopy
             .map(|c| CrownLayer::draw(c.plants, c.biome, elevation_m.frame(), rows, cols));
+        let dead = maps.canopy.zip(crowns.as_ref()).and_then(|(canopy, crowns)| {
+            let size = [rows, cols];
+            let deadwood = canopy.deadwood?;
+            Some(DeadwoodLayer::draw(deadwood, elevation_m.frame(), &crowns.cover, size))
+        });
         let place = |z: f32| range.map_or(0.5, |r| r.place(z));
         let color = |pixel: usize| {
             if !ground.elevation_m.mask().is_valid(pixel) {
@@ -274,7 +292,8 @@ impl Pen {
             let land = lit(land, -crowns.shadow[pixel], CROWN_SHADOW);
             let crown = lit(crowns.color[pixel], ground.light[pixel], RELIEF_ON_CROWNS);
             let cover = crowns.cover[pixel];
-            rounded(std::array::from_fn(|c| mix_light(land[c], crown[c], cover)))
+            let living = std::array::from_fn(|c| mix_light(land[c], crown[c], cover));
+            rounded(dead.as_ref().map_or(living, |dead| dead.over(pixel, living)))
         };
         self.pixels(rect, color);
         range
@@ -355,6 +374,33 @@ impl Pen {
         let decimals = if per_ha < 10.0 { 1 } else { 0 };
         let sum = format!("{count} trees, {} a hectare", scale::trimmed(per_ha, decimals));
         self.text(rect.x, rect.bottom() - 6, Align::Left, &sum, UNIT);
+    }
+
+    /// Symbols, numbers and densities of snags and downed logs in one line.
+    fn deadwood_legend(&mut self, [x, y]: [u32; 2], deadwood: &Deadwood, land_ha: f64) {
+        let [rim, snag, log] = deadwood_layer::LEGEND;
+        let numbers =
+            [("Snags", deadwood.snags.len()), ("Downed logs", deadwood.downed_logs.len())];
+        let mut left = x as f32;
+        let middle = y as f32 - 5.0;
+        for (is_log, (name, number)) in [false, true].into_iter().zip(numbers) {
+            if is_log {
+                let line = [[left + 1.0, middle], [left + 15.0, middle]];
+                self.canvas.polyline(&line, 2.0, log, 1.0);
+            } else {
+                let dot = [[left + 7.0, middle]];
+                self.canvas.polyline(&dot, 10.0, rim, 1.0);
+                self.canvas.polyline(&dot, 7.0, snag, 1.0);
+            }
+            let per_ha = number as f64 / land_ha.max(f64::MIN_POSITIVE);
+            let decimals = if per_ha < 10.0 { 1 } else { 0 };
+            let count = species_legend::thousands(number);
+            let facts = format!("{count}, {} a hectare", scale::trimmed(per_ha, decimals));
+            let after = left + 24.0 + self.lettering.width_px(name, LABEL) + 8.0;
+            self.lettering.draw(&mut self.canvas, left + 24.0, y as f32, Align::Left, name, LABEL);
+            self.lettering.draw(&mut self.canvas, after, y as f32, Align::Left, &facts, UNIT);
+            left = after + self.lettering.width_px(&facts, UNIT) + 28.0;
+        }
     }
 
     /// Title and unit above a small map; beside narrow maps only as much of the unit as there is room for.
@@ -507,7 +553,13 @@ mod tests {
         let trees = [(40.0, 60.0, 9.0, 20.0, 8), (80.0, 70.0, 7.0, 22.0, 14)];
         let forest = crown_layer::tests::plants(120.0, &trees);
         let draw = |plants: &Plants| {
-            let canopy = CanopyLayer { plants, biome: &biome, chm_m: &chm_m, species: &species };
+            let canopy = CanopyLayer {
+                plants,
+                biome: &biome,
+                chm_m: &chm_m,
+                species: &species,
+                deadwood: None,
+            };
             let maps = PreviewMaps { canopy: Some(canopy), ..maps(&terrain) };
             preview(&terrain, &maps, &PreviewOptions::default())
         };
@@ -518,6 +570,51 @@ mod tests {
         // the swatch of douglas-fir, which the small map does not show
         assert!(of_color(&with, 14) >= 14 * 14 && of_color(&without, 14) == 0);
         assert!(with.width() == without.width() && with.height() >= without.height());
+    }
+
+    /// Two trees on hills, without anything dead.
+    fn forest_sheet(deadwood: Option<&Deadwood>) -> RgbImage {
+        let terrain = hills(60, 60);
+        let biome = Biome::builtin("sonoma").unwrap();
+        let grid = &terrain.elevation_m;
+        let chm_m = grid.with_values(vec![12.0; 3600]);
+        let species = grid.with_values(vec![8; 3600]);
+        let trees = [(40.0, 60.0, 9.0, 20.0, 8), (80.0, 70.0, 7.0, 22.0, 14)];
+        let plants = &crown_layer::tests::plants(120.0, &trees);
+        let canopy =
+            CanopyLayer { plants, biome: &biome, chm_m: &chm_m, species: &species, deadwood };
+        let maps = PreviewMaps { canopy: Some(canopy), ..maps(&terrain) };
+        preview(&terrain, &maps, &PreviewOptions::default())
+    }
+
+    #[test]
+    fn sheets_without_deadwood_are_what_they_were_before_it_could_be_drawn() {
+        let sheet = forest_sheet(None);
+        let hash = blake3::hash(sheet.as_raw()).to_hex();
+        assert_eq!((sheet.width(), sheet.height(), &hash[..16]), (1600, 1070, "f0d6dc0387cfab06"));
+    }
+
+    #[test]
+    fn deadwood_is_drawn_and_counted_below_the_species() {
+        let none = forest_sheet(Some(&Deadwood::default()));
+        let deadwood = Deadwood {
+            snags: deadwood_layer::tests::snags(&[(20.0, 20.0, 15.0, 15.0, 0.6, 0.5, 2)]),
+            downed_logs: deadwood_layer::tests::logs(&[(60.0, 20.0, 30.0, 0.6, 0.4, 1)]),
+        };
+        let some = forest_sheet(Some(&deadwood));
+        let plain = forest_sheet(None);
+        assert!(none.height() > plain.height(), "a line more");
+        // an empty layer leaves the map as it was
+        let map = layout::arrange(1.0, 4).map;
+        let differ = |a: &RgbImage, b: &RgbImage| {
+            let pixels =
+                (map.y..map.bottom()).flat_map(|y| (map.x..map.right()).map(move |x| [x, y]));
+            pixels.filter(|&[x, y]| a.get_pixel(x, y) != b.get_pixel(x, y)).count()
+        };
+        assert_eq!(differ(&none, &plain), 0);
+        // 30 m of 0.4 m, and a dot, at 6 pixels a metre
+        let changed = differ(&some, &plain);
+        assert!((300..900).contains(&changed), "{changed}");
     }
 
     #[test]

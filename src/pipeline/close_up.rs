@@ -62,6 +62,7 @@ pub fn write(
         biome: &biome,
         grass_height_m: grass.as_ref(),
         litterfall: litter.as_ref(),
+        deadwood: None,
     };
     let picture = close_up(&input, area, &manifest.scene.name)?;
     let path = folder.join(FILE);

@@ -604,6 +604,7 @@ pub(super) fn write(
             biome: input.biome,
             chm_m: input.chm_m,
             species: &grown.species.map,
+            deadwood: None,
         }),
         ..PreviewMaps::default()
     };

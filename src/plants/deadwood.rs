@@ -1,5 +1,7 @@
 //! Deadwood of a scene: snags and downed logs, one array a measure, and what happened to plants.
 
+use crate::math;
+
 /// What killed a plant, or brought wood to the ground.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
@@ -157,6 +159,22 @@ pub struct DownedLogs {
     pub cause: Vec<Cause>,
 }
 
+/// What is dead in a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Deadwood {
+    /// What still stands.
+    pub snags: Snags,
+    /// What lies on the ground.
+    pub downed_logs: DownedLogs,
+}
+
+impl Deadwood {
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.snags.is_empty() && self.downed_logs.is_empty()
+    }
+}
+
 impl Snags {
     /// Number of snags.
     pub fn len(&self) -> usize {
@@ -178,6 +196,20 @@ impl DownedLogs {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.id.is_empty()
+    }
+
+    /// Thin end of a log: metres east and north of the scene's south-west corner.
+    pub fn thin_end_m(&self, i: usize) -> [f32; 2] {
+        let (length_m, azimuth_rad) = (self.length_m[i], self.azimuth_rad[i]);
+        let (east_m, north_m) = (self.east_m[i], self.north_m[i]);
+        [east_m + length_m * math::sin(azimuth_rad), north_m + length_m * math::cos(azimuth_rad)]
+    }
+
+    /// Volume of a log when it came down, m³: a straight taper between its ends, as long as it is on the map.
+    pub fn volume_m3(&self, i: usize) -> f64 {
+        let [base_m, tip_m] = [self.diameter_base_m[i], self.diameter_tip_m[i]].map(f64::from);
+        let squares_m2 = base_m * base_m + base_m * tip_m + tip_m * tip_m;
+        std::f64::consts::PI / 12.0 * f64::from(self.length_m[i]) * squares_m2
     }
 }
 
@@ -323,5 +355,26 @@ mod tests {
             assert_eq!(kind as usize, place);
         }
         assert_eq!((Cause::from_name("Age"), DownedLogKind::from_name("log")), (None, None));
+    }
+
+    #[test]
+    fn downed_logs_lie_along_their_azimuth_and_have_the_volume_of_a_frustum() {
+        let mut logs = DownedLogs::default();
+        for (azimuth_rad, tip_m) in [(std::f32::consts::FRAC_PI_2, 0.4), (0.0, 0.0)] {
+            logs.east_m.push(10.0);
+            logs.north_m.push(20.0);
+            logs.length_m.push(6.0);
+            logs.azimuth_rad.push(azimuth_rad);
+            logs.diameter_base_m.push(0.4);
+            logs.diameter_tip_m.push(tip_m);
+        }
+        let ends = [logs.thin_end_m(0), logs.thin_end_m(1)];
+        for (end, expected) in ends.iter().zip([[16.0, 20.0], [10.0, 26.0]]) {
+            assert!(end.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{end:?}");
+        }
+        // a cylinder, and a cone of a third of it
+        let cylinder_m3 = std::f64::consts::PI * 0.04 * 6.0;
+        assert!((logs.volume_m3(0) / cylinder_m3 - 1.0).abs() < 1e-6);
+        assert!((logs.volume_m3(1) / cylinder_m3 - 1.0 / 3.0).abs() < 1e-6);
     }
 }

@@ -8,7 +8,7 @@ use super::checks::{Place, parse};
 use crate::raster::MONTHS;
 
 /// Monthly weather of a landscape; January first.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Climate {
     /// Latitude of the station, degrees north; used where the terrain's own is unknown.
     pub latitude_deg: f64,
@@ -27,7 +27,7 @@ pub struct Climate {
 }
 
 /// How soil takes up and holds water.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Soil {
     /// Share of rain that evaporates before it reaches the soil, 0–1.
     pub evaporated_rain_fraction: f32,

@@ -1,5 +1,6 @@
 //! Legend of a close-up: the species of each layer with their symbols and numbers, and what a forester asks of a stand.
 
+use super::deadwood::{LogAbove, SeenDeadwood, SnagAbove};
 use super::light::LightSheet;
 use super::plan::{Seen, View};
 use super::symbols::{CanopyTree, LowPlant, Symbol};
@@ -9,6 +10,7 @@ use crate::export::lettering::{Align, Lettering, Style};
 use crate::export::scale;
 use crate::export::species_legend::{percent, thousands};
 use crate::plants::Plants;
+use crate::plants::deadwood::Deadwood;
 use crate::species::Biome;
 
 /// Height of a species' line.
@@ -161,6 +163,59 @@ fn symbol(biome: &Biome, species: usize, canopy: bool) -> LightSheet {
     sheet
 }
 
+/// Snags and downed logs of the square.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeadwoodLegend {
+    /// Number of snags, and the height of the tallest.
+    snags: (usize, f32),
+    /// Number of downed logs, and the length of the longest.
+    downed_logs: (usize, f32),
+}
+
+impl DeadwoodLegend {
+    /// Deadwood that belongs to a square.
+    pub fn of(deadwood: &Deadwood, own: &SeenDeadwood) -> Self {
+        let most = |some: &[usize], of: &[f32]| some.iter().map(|&i| of[i]).fold(0.0, f32::max);
+        let Deadwood { snags, downed_logs } = deadwood;
+        Self {
+            snags: (own.snags.len(), most(&own.snags, &snags.height_m)),
+            downed_logs: (own.downed_logs.len(), most(&own.downed_logs, &downed_logs.length_m)),
+        }
+    }
+
+    /// Draws the legend; gives the row below it.
+    pub fn draw(&self, canvas: &mut Canvas, lettering: &Lettering, rect: Rect) -> u32 {
+        let (left, right) = (rect.x as f32, rect.right() as f32);
+        let head_y = rect.y as f32 + 16.0;
+        lettering.draw(canvas, left, head_y, Align::Left, "Deadwood", CAPTION);
+        let grey = Style { size_px: 12.0, ..UNIT };
+        let (count_x, columns_y) = (right - 78.0, head_y + 24.0);
+        lettering.draw(canvas, count_x, columns_y, Align::Right, "number", grey);
+        lettering.draw(canvas, right, columns_y, Align::Right, "longest, m", grey);
+        let side = SYMBOL_PX as f32;
+        let rows = [("Snags", self.snags), ("Downed logs", self.downed_logs)];
+        for (index, (name, (count, longest_m))) in (0_u32..).zip(rows) {
+            let y = rect.y + HEAD_PX + index * ROW_PX;
+            let pixels = SYMBOL_PX as usize;
+            let mut symbol = LightSheet::new(pixels, pixels, |_| PAPER.map(f32::from));
+            symbol.draw(|band| match index {
+                0 => SnagAbove::symbol(side).circle(band),
+                _ => LogAbove::symbol(side).draw(band),
+            });
+            symbol.onto(canvas, [rect.x, y - 4]);
+            let base = y as f32 + 13.0;
+            lettering.draw(canvas, left + 36.0, base, Align::Left, name, LABEL);
+            lettering.draw(canvas, count_x, base, Align::Right, &thousands(count), LABEL);
+            let longest = match count {
+                0 => "\u{2013}".to_owned(),
+                _ => scale::fixed(f64::from(longest_m), if longest_m < 10.0 { 1 } else { 0 }),
+            };
+            lettering.draw(canvas, right, base, Align::Right, &longest, LABEL);
+        }
+        rect.y + HEAD_PX + 2 * ROW_PX + GAP_PX
+    }
+}
+
 /// What a forester asks of a stand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
@@ -174,6 +229,8 @@ pub struct Figures {
     pub basal_area_m2_ha: f64,
     /// Plants of the undergrowth a hectare.
     pub undergrowth_per_ha: f64,
+    /// Volume of downed logs, m³ a hectare, where they are known.
+    pub downed_m3_ha: Option<f64>,
 }
 
 impl Figures {
@@ -199,6 +256,7 @@ impl Figures {
             trees_per_ha: rooted(&seen.canopy) * per_ha,
             basal_area_m2_ha: sections_m2 * per_ha,
             undergrowth_per_ha: rooted(&seen.undergrowth) * per_ha,
+            downed_m3_ha: None,
         }
     }
 
@@ -218,7 +276,10 @@ impl Figures {
             ),
             ("Undergrowth", format!("{} /ha", whole(self.undergrowth_per_ha))),
         ];
-        for (name, value) in lines {
+        let downed = self
+            .downed_m3_ha
+            .map(|m3_ha| ("Volume of downed logs", format!("{} m³/ha", scale::fixed(m3_ha, 1))));
+        for (name, value) in lines.into_iter().chain(downed) {
             y += ROW_PX as f32 - 2.0;
             lettering.draw(canvas, left, y, Align::Left, name, LABEL);
             lettering.draw(canvas, right, y, Align::Right, &value, LABEL);

@@ -3,17 +3,22 @@
 use rayon::prelude::*;
 
 use super::area::Area;
+use super::deadwood::{LogAbove, SeenDeadwood, SnagAbove};
 use super::ground::GroundCover;
 use super::light::{Band, LightSheet};
 use super::symbols::{CanopyTree, LowPlant, Symbol};
 use super::variety;
 use crate::export::furniture::void_color;
+use crate::plants::deadwood::Deadwood;
 use crate::plants::{Layer, Plants};
 use crate::raster::Frame;
 use crate::species::Biome;
 
 /// Samples along a side by which cover is measured.
 const COVER_SAMPLES: usize = 256;
+
+/// Height up to which plants are drawn under downed logs. chosen: as high as a log is thick.
+const BELOW_LOGS_M: f32 = 0.5;
 
 /// Where the square lies: in the scene, and on the sheet.
 #[derive(Clone, Copy, Debug)]
@@ -113,17 +118,30 @@ fn canopy_tree(plants: &Plants, biome: &Biome, view: &View, i: usize) -> CanopyT
     }
 }
 
-/// Draws the square from above.
+/// Draws the square from above. Downed logs lie over the lowest plants, under taller ones.
 pub fn draw(
     plants: &Plants,
     seen: &Seen,
+    dead: Option<&(&Deadwood, SeenDeadwood)>,
     biome: &Biome,
     view: &View,
     ground: &GroundCover,
 ) -> LightSheet {
     let side = view.side as usize;
-    let low: Vec<LowPlant> =
-        seen.undergrowth.iter().map(|&i| low_plant(plants, biome, view, i)).collect();
+    let logs: Vec<LogAbove> = dead.map_or_else(Vec::new, |(deadwood, seen)| {
+        let log = |&i: &usize| LogAbove::new(&deadwood.downed_logs, i, view);
+        seen.downed_logs.iter().map(log).collect()
+    });
+    let snags: Vec<SnagAbove> = dead.map_or_else(Vec::new, |(deadwood, seen)| {
+        let snag = |&i: &usize| SnagAbove::new(&deadwood.snags, i, biome, view);
+        seen.snags.iter().map(snag).collect()
+    });
+    let is_below = |&i: &usize| !logs.is_empty() && plants.height_m[i] < BELOW_LOGS_M;
+    let (below, above): (Vec<usize>, Vec<usize>) =
+        seen.undergrowth.iter().copied().partition(is_below);
+    let [below, above] = [below, above].map(|some| -> Vec<LowPlant> {
+        some.into_iter().map(|i| low_plant(plants, biome, view, i)).collect()
+    });
     let trees: Vec<CanopyTree> =
         seen.canopy.iter().map(|&i| canopy_tree(plants, biome, view, i)).collect();
     let mut sheet = LightSheet::new(side, side, |pixel| {
@@ -131,10 +149,14 @@ pub fn draw(
         ground.color(pixel).unwrap_or_else(void)
     });
     sheet.draw(|band| {
-        low.iter().for_each(|plant| plant.draw(band));
+        below.iter().for_each(|plant| plant.draw(band));
+        logs.iter().for_each(|log| log.draw(band));
+        above.iter().for_each(|plant| plant.draw(band));
         shade(band, &trees);
+        snags.iter().for_each(|snag| snag.branches(band));
         trees.iter().for_each(|tree| tree.ring(band));
         trees.iter().for_each(|tree| tree.stem(band));
+        snags.iter().for_each(|snag| snag.circle(band));
     });
     sheet
 }

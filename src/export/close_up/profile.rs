@@ -8,6 +8,7 @@
 use rayon::prelude::*;
 
 use super::area::Area;
+use super::deadwood::{Footing, LogBeside, SnagBeside, part_within};
 use super::ground::Litters;
 use super::light::{Band, LightSheet};
 use super::silhouettes::Standing;
@@ -18,6 +19,7 @@ use crate::export::fit::fit_window;
 use crate::export::furniture::{FRAME_INK, GREY_INK, INK, LABEL, UNIT};
 use crate::export::lettering::{Align, Lettering, Style};
 use crate::export::scale;
+use crate::plants::deadwood::Deadwood;
 use crate::plants::{Layer, Plants};
 use crate::raster::{Grid, MapWindow};
 use crate::species::Biome;
@@ -63,6 +65,9 @@ pub struct Transect {
     tallest_m: f32,
     /// Plants of the strip, the farthest first.
     plants: Vec<usize>,
+    /// Snags of the strip, and the downed logs that reach into it with the part that does, 0..=1 from the thick end.
+    snags: Vec<usize>,
+    downed_logs: Vec<(usize, [f32; 2])>,
     /// Columns of the square's western and eastern side.
     sides_px: [f32; 2],
 }
@@ -76,6 +81,15 @@ pub struct Site<'a> {
     pub litters: &'a Litters<'a>,
     /// What grows on it.
     pub plants: &'a Plants,
+    /// What is dead there.
+    pub deadwood: Option<&'a Deadwood>,
+}
+
+/// What stands or lies in a profile.
+enum Thing {
+    Plant(Standing),
+    Snag(SnagBeside),
+    DownedLog(LogBeside),
 }
 
 impl Transect {
@@ -119,7 +133,7 @@ impl Transect {
     }
 
     fn at_scale(site: &Site<'_>, area: &Area, width: u32, px_per_m: f32) -> Self {
-        let Site { elevation_m, litters, plants } = site;
+        let Site { elevation_m, litters, plants, deadwood } = site;
         let (frame, middle) = (elevation_m.frame(), area.middle());
         let corner = frame.south_west();
         let width_m = f64::from(width) / f64::from(px_per_m);
@@ -151,6 +165,22 @@ impl Transect {
         rooted.sort_by(|&a, &b| {
             plants.north_m[b].total_cmp(&plants.north_m[a]).then(plants.id[a].cmp(&plants.id[b]))
         });
+        let (mut snags, mut downed_logs) = (Vec::new(), Vec::new());
+        if let Some(deadwood) = deadwood {
+            let Deadwood { snags: dead, downed_logs: logs } = deadwood;
+            snags.extend((0..dead.len()).filter(|&i| {
+                (west_m..west_m + width_m).contains(&dead.east_m[i])
+                    && (dead.north_m[i] - middle_north_m).abs() <= depth_m / 2.0
+            }));
+            let strip = [
+                [west_m, west_m + width_m],
+                [middle_north_m - depth_m / 2.0, middle_north_m + depth_m / 2.0],
+            ];
+            downed_logs.extend((0..logs.len()).filter_map(|i| {
+                let thick = [logs.east_m[i], logs.north_m[i]];
+                Some((i, part_within(thick, logs.thin_end_m(i), strip)?))
+            }));
+        }
         let of_known = || ground_m.iter().zip(&is_known).filter(|(_, k)| **k).map(|(z, _)| *z);
         let low_m = of_known().fold(f32::MAX, f32::min).min(f32::MAX);
         let low_m = if low_m == f32::MAX { 0.0 } else { low_m };
@@ -168,6 +198,8 @@ impl Transect {
             high_m: highest_ground_m,
             tallest_m: 0.0,
             plants: rooted,
+            snags,
+            downed_logs,
             sides_px: [0.0; 2],
         };
         let half_px = (area.size_m() / 2.0) as f32 * px_per_m;
@@ -177,6 +209,13 @@ impl Transect {
             let top_m = transect.ground_at(plants.east_m[i]) + plants.height_m[i];
             transect.high_m = transect.high_m.max(top_m);
             transect.tallest_m = transect.tallest_m.max(plants.height_m[i]);
+        }
+        for &i in &transect.snags {
+            // there are snags only where there is deadwood
+            let Some(Deadwood { snags, .. }) = deadwood else { continue };
+            let top_m = transect.ground_at(snags.east_m[i]) + snags.height_m[i];
+            transect.high_m = transect.high_m.max(top_m);
+            transect.tallest_m = transect.tallest_m.max(snags.height_m[i]);
         }
         // bare ground has some air over it as well
         transect.high_m = transect.high_m.max(highest_ground_m + 3.0);
@@ -218,6 +257,11 @@ impl Transect {
         [trees, self.plants.len() - trees]
     }
 
+    /// Number of snags and of downed logs in the strip.
+    pub fn dead_counts(&self) -> [usize; 2] {
+        [self.snags.len(), self.downed_logs.len()]
+    }
+
     /// Draws the profile with its upper left corner at `[x, y]`, and its axes.
     /// `canopy_cover_fraction` tells how crowded the canopy is: the more, the higher crowns begin.
     pub fn draw(
@@ -225,15 +269,11 @@ impl Transect {
         canvas: &mut Canvas,
         lettering: &Lettering,
         [x, y]: [u32; 2],
-        plants: &Plants,
+        site: &Site<'_>,
         biome: &Biome,
         canopy_cover_fraction: f32,
     ) -> Rect {
-        let standing: Vec<Standing> = self
-            .plants
-            .iter()
-            .map(|&i| self.standing(plants, biome, i, canopy_cover_fraction))
-            .collect();
+        let things = self.things(site, biome, canopy_cover_fraction);
         let (rows, cols) = (self.height_px() as usize, self.ground_m.len());
         let [west_px, east_px] = self.sides_px;
         let mut sheet = LightSheet::new(rows, cols, |pixel| {
@@ -243,13 +283,62 @@ impl Transect {
         let heights = self.parallels();
         sheet.draw(|band| {
             self.draw_parallels(band, &heights);
-            standing.iter().for_each(|plant| plant.draw(band));
+            for thing in &things {
+                match thing {
+                    Thing::Plant(plant) => plant.draw(band),
+                    Thing::Snag(snag) => snag.draw(band),
+                    Thing::DownedLog(log) => log.draw(band, |col| self.row(self.ground_m[col])),
+                }
+            }
             self.draw_ground(band);
         });
         let rect = sheet.onto(canvas, [x, y]);
         canvas.frame(rect, FRAME_INK);
         self.axes(canvas, lettering, rect, &heights);
         rect
+    }
+
+    /// What the strip holds, the farthest first.
+    fn things(&self, site: &Site<'_>, biome: &Biome, crowding: f32) -> Vec<Thing> {
+        let plants = site.plants;
+        let mut things: Vec<(f32, Thing)> = self
+            .plants
+            .iter()
+            .map(|&i| (plants.north_m[i], Thing::Plant(self.standing(plants, biome, i, crowding))))
+            .collect();
+        let Some(Deadwood { snags, downed_logs }) = site.deadwood else {
+            return things.into_iter().map(|(_, thing)| thing).collect();
+        };
+        for &i in &self.snags {
+            let footing = self.footing(snags.east_m[i], snags.north_m[i]);
+            let snag = SnagBeside::new(snags, i, biome, footing, crowding);
+            things.push((snags.north_m[i], Thing::Snag(snag)));
+        }
+        for &(i, part) in &self.downed_logs {
+            let [thick, thin] =
+                [[downed_logs.east_m[i], downed_logs.north_m[i]], downed_logs.thin_end_m(i)];
+            let at = |along: f32, axis: usize| thick[axis] + along * (thin[axis] - thick[axis]);
+            let middle = 0.5 * (part[0] + part[1]);
+            let footing = self.footing(at(middle, 0), at(middle, 1));
+            let x = part.map(|along| (at(along, 0) - self.west_m) * self.px_per_m);
+            let log = LogBeside::new(downed_logs, i, part, x, footing);
+            things.push((at(middle, 1), Thing::DownedLog(log)));
+        }
+        things.sort_by(|(a, _), (b, _)| b.total_cmp(a)); // stable
+        things.into_iter().map(|(_, thing)| thing).collect()
+    }
+
+    /// Where something at a place in the strip stands on the ground line.
+    fn footing(&self, east_m: f32, north_m: f32) -> Footing {
+        let col = self.column(east_m);
+        let south = 0.5 - (north_m - self.middle_north_m) / self.depth_m;
+        Footing {
+            x: (east_m - self.west_m) * self.px_per_m,
+            foot_y: self.row(self.ground_m[col]),
+            fall: self.fall(col),
+            px_per_m: self.px_per_m,
+            haze_fraction: MOST_HAZE * (1.0 - south.clamp(0.0, 1.0)),
+        }
     }
 
     /// Rows that the ground falls a column to the east, over a metre or so.
@@ -263,14 +352,14 @@ impl Transect {
 
     fn standing(&self, plants: &Plants, biome: &Biome, i: usize, crowding: f32) -> Standing {
         let species = &biome.species[usize::from(plants.species[i])];
-        let col = self.column(plants.east_m[i]);
         let height_m = plants.height_m[i];
-        let south = 0.5 - (plants.north_m[i] - self.middle_north_m) / self.depth_m;
+        let Footing { x, foot_y, fall, px_per_m, haze_fraction } =
+            self.footing(plants.east_m[i], plants.north_m[i]);
         Standing {
-            x: (plants.east_m[i] - self.west_m) * self.px_per_m,
-            foot_y: self.row(self.ground_m[col]),
-            fall: self.fall(col),
-            px_per_m: self.px_per_m,
+            x,
+            foot_y,
+            fall,
+            px_per_m,
             height_m,
             radius_m: plants.crown_radius_m[i],
             crown_base_m: species.crown_base_m(height_m, crowding).min(0.9 * height_m),
@@ -279,7 +368,7 @@ impl Transect {
             symbol: Symbol::of(species),
             color: species.color_srgb.map(f32::from),
             seed: variety::of_plant(plants.id[i]),
-            haze_fraction: MOST_HAZE * (1.0 - south.clamp(0.0, 1.0)),
+            haze_fraction,
         }
     }
 
@@ -455,7 +544,7 @@ mod tests {
             plants.vigor.push(1.0);
         }
         let litters = Litters { grass_height_m: None, litterfall: None };
-        let site = Site { elevation_m: &slope, litters: &litters, plants: &plants };
+        let site = Site { elevation_m: &slope, litters: &litters, plants: &plants, deadwood: None };
         let transect = Transect::new(&site, &area.parse().unwrap(), 1200);
         (transect, plants)
     }
