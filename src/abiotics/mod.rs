@@ -77,20 +77,7 @@ pub fn run(
     };
     let sunlight = sunlight::run(terrain, climate, &params.sunlight, reporter)?;
     let sunlight_h = rounding::rounded(sunlight.sunlight_h);
-    let open_sky_sunlight_h = std::array::from_fn(|month_index| {
-        // hours a day: far within f32
-        sunlight::open_sky_sunlight_h(terrain.latitude_rad, climate, &params.sunlight, month_index)
-            as f32
-    });
-    let water = moisture::run(
-        terrain,
-        &slope_rad,
-        &sunlight_h,
-        open_sky_sunlight_h,
-        climate,
-        &params.moisture,
-        reporter,
-    )?;
+    let water = water(terrain, &slope_rad, &sunlight_h, climate, params, reporter)?;
     Ok(AbioticMaps {
         sunlight_h,
         moisture_mm: rounding::rounded(water.moisture_mm),
@@ -100,4 +87,43 @@ pub fn run(
         river: water.river,
         balance: water.balance,
     })
+}
+
+/// Soil water, mm, by month, that other rain brings to ground whose maps are known.
+///
+/// # Errors
+/// [`Cancelled`] once the run was cancelled.
+pub fn moisture_of(
+    terrain: &Terrain,
+    maps: &AbioticMaps,
+    climate: &Climate,
+    params: &Params,
+    reporter: &Reporter,
+) -> Result<MonthlyGrid, Cancelled> {
+    let water = water(terrain, &maps.slope_rad, &maps.sunlight_h, climate, params, reporter)?;
+    Ok(rounding::rounded(water.moisture_mm))
+}
+
+fn water(
+    terrain: &Terrain,
+    slope_rad: &Grid<f32>,
+    sunlight_h: &MonthlyGrid,
+    climate: &Climate,
+    params: &Params,
+    reporter: &Reporter,
+) -> Result<moisture::Water, Cancelled> {
+    let open_sky_sunlight_h = std::array::from_fn(|month_index| {
+        // hours a day: far within f32
+        sunlight::open_sky_sunlight_h(terrain.latitude_rad, climate, &params.sunlight, month_index)
+            as f32
+    });
+    moisture::run(
+        terrain,
+        slope_rad,
+        sunlight_h,
+        open_sky_sunlight_h,
+        climate,
+        &params.moisture,
+        reporter,
+    )
 }

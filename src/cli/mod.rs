@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 the machine failed or the run was cancelled, 2 bad input or usage.
 
+mod age;
 mod bench;
 mod demo;
 mod doctor;
@@ -58,6 +59,9 @@ enum Command {
     /// Grow a forest on terrain: canopy trees from a sketch by trained networks, a measured canopy height model or a point cloud,
     /// then undergrowth, grass and litter beneath them.
     Grow(Box<grow::GrowArguments>),
+    /// Age a scene's forest by centuries: growth, seeding, fire, storm, disease, drought, death and decay leave snags and downed
+    /// logs.
+    Age(age::AgeArguments),
     /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (some minutes).
     Statistics(statistics::StatisticsArguments),
     /// Measure simulation and synthesis of undergrowth beside what ecology and the papers say (half a minute).
@@ -96,6 +100,7 @@ pub fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(arguments, shared, &reporter),
         Command::Import(arguments) => import::run(arguments, shared, &reporter),
         Command::Grow(arguments) => grow::run(arguments, shared, &reporter),
+        Command::Age(arguments) => age::run(arguments, shared, &reporter),
         Command::Statistics(arguments) => statistics::run(arguments, shared, &reporter),
         Command::Validate => validate::run(shared, &reporter),
         Command::Bench(arguments) => bench::run(arguments, &reporter),

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::scene_files::read_plants;
+use super::scene_files::{read_deadwood, read_plants};
 use super::{Error, import};
 use crate::export::close_up::area::Area;
 use crate::export::close_up::{CloseUpInput, close_up};
@@ -51,6 +51,7 @@ pub fn write(
     let biome = Biome::builtin(&manifest.scene.biome)?;
     let elevation_m = import::load_terrain(folder, manifest)?.elevation_m;
     let plants = read_plants(folder, &biome, elevation_m.frame())?;
+    let deadwood = read_deadwood(folder, &biome, elevation_m.frame())?;
     let [grass, litter] =
         ["grass.tif", "litterfall.tif"].map(|file| read_where_there(folder, file, &elevation_m));
     let (grass, litter) = (grass?, litter?);
@@ -62,7 +63,7 @@ pub fn write(
         biome: &biome,
         grass_height_m: grass.as_ref(),
         litterfall: litter.as_ref(),
-        deadwood: None,
+        deadwood: deadwood.as_ref(),
     };
     let picture = close_up(&input, area, &manifest.scene.name)?;
     let path = folder.join(FILE);

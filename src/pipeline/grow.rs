@@ -10,7 +10,7 @@ use super::learned_canopy::{self, LearnedCanopy, LearnedRequest};
 use super::measured_canopy::MeasuredCanopy;
 use super::scene_files::{StageFiles, mean};
 use super::undergrowth::{self, UndergrowthInput, UndergrowthRequest};
-use super::{Error, brush, close_up, exclusion};
+use super::{Error, age, brush, close_up, exclusion};
 use crate::canopy::brush::Brush;
 use crate::canopy::envelopes::Envelopes;
 use crate::canopy::limits;
@@ -363,6 +363,7 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         reporter,
     )?;
     entries.into_iter().for_each(|(stage, entry)| record(&mut manifest, stage, entry));
+    manifest.stages.remove(age::STAGE); // another forest's history
     manifest.inputs.extend(
         inputs.into_iter().filter(|input| !manifest.inputs.contains(input)).collect::<Vec<_>>(),
     );

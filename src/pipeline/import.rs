@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::scene_files::{StageFiles, mean};
-use super::{Error, grow, undergrowth};
+use super::{Error, age, grow, undergrowth};
 use crate::abiotics::{self, AbioticMaps};
 use crate::export::preview::PreviewOptions;
 use crate::io::raster_file::RasterHead;
@@ -143,7 +143,7 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         Manifest { scene, inputs, stages: kept.map(|m| m.stages).unwrap_or_default() };
     let trees = manifest.stages.remove(grow::STAGE);
     // what grew beneath them goes with them
-    for stage in [undergrowth::STAGE, undergrowth::FLOOR_STAGE] {
+    for stage in [undergrowth::STAGE, undergrowth::FLOOR_STAGE, age::STAGE] {
         manifest.stages.remove(stage);
     }
     if has_trees {

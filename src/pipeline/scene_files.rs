@@ -14,8 +14,9 @@ use crate::io;
 use crate::io::geotiff::{
     self, Band, BandSource, CogBands, CogError, CogOptions, SharedFile, StoredBands,
 };
-use crate::plants::Plants;
+use crate::plants::deadwood::Deadwood;
 use crate::plants::table::{self, TableFormat};
+use crate::plants::{Plants, downed_logs_table, snags_table};
 use crate::progress::Reporter;
 use crate::raster::{Frame, Grid, MONTHS, Mask, MonthlyGrid};
 use crate::scene::{StageEntry, Transaction};
@@ -148,6 +149,17 @@ impl<'a> StageFiles<'a> {
         Ok(())
     }
 
+    /// Writes a file that is no raster.
+    pub fn file(
+        &mut self,
+        name: &str,
+        write: impl FnOnce(&mut File) -> std::io::Result<()>,
+    ) -> Result<(), Error> {
+        let hash = self.transaction.write(name, write)?;
+        self.files.insert(name.to_owned(), hash);
+        Ok(())
+    }
+
     /// Draws and writes `preview.png`.
     pub fn preview(
         &mut self,
@@ -201,10 +213,37 @@ impl<'a> StageFiles<'a> {
 
 /// The plants of a scene folder, from its `plants.parquet`.
 pub fn read_plants(folder: &Path, biome: &Biome, frame: &Frame) -> Result<Plants, Error> {
-    let path = folder.join(format!("plants.{}", TableFormat::Parquet.name()));
-    let file =
-        SharedFile::open(&path).map_err(|source| io::Error::Read { path: path.clone(), source })?;
-    Ok(table::read(Arc::new(file), biome, frame, table::MAX_PLANTS).map_err(|e| e.at(&path))?)
+    let name = format!("plants.{}", TableFormat::Parquet.name());
+    read_plants_of(&folder.join(name), biome, frame)
+}
+
+/// The plants of a GeoParquet file.
+pub fn read_plants_of(path: &Path, biome: &Biome, frame: &Frame) -> Result<Plants, Error> {
+    let file = SharedFile::open(path)
+        .map_err(|source| io::Error::Read { path: path.to_path_buf(), source })?;
+    Ok(table::read(Arc::new(file), biome, frame, table::MAX_PLANTS).map_err(|e| e.at(path))?)
+}
+
+/// Snags and downed logs of a scene folder; none if its forest has no history.
+pub fn read_deadwood(
+    folder: &Path,
+    biome: &Biome,
+    frame: &Frame,
+) -> Result<Option<Deadwood>, Error> {
+    let path = folder.join("snags.parquet");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let open = |path: &Path| {
+        let file = SharedFile::open(path);
+        file.map(Arc::new).map_err(|source| io::Error::Read { path: path.to_path_buf(), source })
+    };
+    let most = table::MAX_PLANTS;
+    let snags = snags_table::read_snags(open(&path)?, biome, frame, most).map_err(|e| e.at(&path))?;
+    let path = folder.join("downed_logs.parquet");
+    let downed_logs = downed_logs_table::read_downed_logs(open(&path)?, biome, frame, most)
+        .map_err(|e| e.at(&path))?;
+    Ok(Some(Deadwood { snags, downed_logs }))
 }
 
 struct Temperature<'a>(&'a MonthlyTemperature);

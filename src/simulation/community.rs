@@ -226,6 +226,11 @@ impl Community {
         }
     }
 
+    /// Year in which a plant sprouted; 0 if it was there from the start.
+    pub fn year_of_sprouting(&self, id: u64) -> u16 {
+        id.checked_sub(self.first_seedling_id).map_or(0, |number| (number >> 32) as u16)
+    }
+
     /// Lets ids of seedlings begin at `first_id`.
     pub fn set_first_seedling_id(&mut self, first_id: u64) {
         self.first_seedling_id = first_id;

@@ -35,8 +35,8 @@ impl DecayParameters {
     /// The authors' program ran 2.25 (snags) and 2.75 (logs) times a constant 1.2 (PAPER_NOTES §10).
     pub fn peytavie2024() -> Self {
         Self {
-            snag_years_per_year: 2.7,
-            downed_log_years_per_year: 3.3,
+            snag_years_per_year: 1.8,
+            downed_log_years_per_year: 2.0,
             temperature_c: Tolerance { ideal: 18.0, half_width: 15.0 },
             moisture_mm: Tolerance { ideal: 80.0, half_width: 100.0 },
         }

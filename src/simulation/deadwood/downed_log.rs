@@ -68,6 +68,13 @@ impl DownedLog {
         std::f32::consts::PI / 12.0 * self.length_m * (base * base + base * tip + tip * tip)
     }
 
+    /// Its middle, metres east and south.
+    pub fn middle_m(&self) -> [f32; 2] {
+        let (east, south) = (math::sin(self.azimuth_rad), -math::cos(self.azimuth_rad));
+        let half_m = 0.5 * self.length_m;
+        [self.east_m + half_m * east, self.south_m + half_m * south]
+    }
+
     /// Visits the cells, `cell_m` wide, that it lies on, by row and column: those under points a third of a cell apart
     /// along it.
     pub fn cells(

@@ -55,9 +55,9 @@ pub struct Fallen {
 pub const STUMP_M: f32 = 2.0;
 /// Least height of a stump. chosen: a stem that rots off at the ground leaves some decimetres.
 const LEAST_STUMP_M: f32 = 0.3;
-/// Chance, for each year of decay, that a snag of class 1–5 falls from its stump. chosen: half of them stand for some twelve years
+/// Chance, for each year of decay, that a snag of class 1–5 falls from its stump. chosen: few bare snags stand for more than a decade
 /// of decay, within the 5–25 years that inventories of dead conifers and beeches report.
-const FALL_PROBABILITY_PER_DECAY_YEAR: [f32; 5] = [0.0, 0.03, 0.06, 0.1, 1.0];
+const FALL_PROBABILITY_PER_DECAY_YEAR: [f32; 5] = [0.02, 0.1, 0.2, 0.3, 1.0];
 /// How stems taper: diameter falls with this power of the distance from the top. chosen: gives the form factor 0.45.
 const TAPER_EXPONENT: f32 = 0.61;
 /// Shares of its height at which a snag snaps. chosen: anywhere but near its ends.

@@ -1,7 +1,8 @@
 //! Whole forests over centuries: growth, seeding, disturbance, death and decay, year by year.
 //!
 //! Reading order: `ground` (what does not live), `run` (the forest and its year), `fuel`, `storms`, `outbreaks` (what disturbances meet
-//! there), `deaths` (what becomes of dead plants), `tally` (its figures), `state` (what a run goes on from).
+//! there), `deaths` (what becomes of dead plants), `tally` (its figures), `state` (what a run goes on from), `results` (what a scene
+//! gets of it).
 //!
 //! # Reference
 //! Peytavie et al. 2024, section 5, doi:10.1145/3641816.
@@ -10,6 +11,7 @@ mod deaths;
 mod fuel;
 mod ground;
 mod outbreaks;
+mod results;
 mod run;
 mod state;
 mod storms;

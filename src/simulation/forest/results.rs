@@ -1,0 +1,166 @@
+//! A forest as plants, snags and downed logs of a scene.
+
+use rayon::prelude::*;
+
+use super::fuel::RECORDED_HEIGHT_M;
+use super::run::Forest;
+use crate::plants::deadwood::{
+    Cause, Deadwood, DownedLogs, LifeEvent, LifeEventKind, Snags,
+};
+use crate::plants::{Layer, Plants};
+use crate::raster::Grid;
+use crate::raster::resample::{CellPosition, Samples};
+use crate::simulation::deadwood::stock::YEARS_END;
+
+/// Least height of canopy trees. Kapp et al. 2020, section 5.2: canopy begins at 3 m.
+const LEAST_CANOPY_M: f32 = 3.0;
+/// Least share of its crown that the sky sees of a canopy tree. chosen: half, as for trees that are fitted to a canopy.
+const LEAST_SEEN_FRACTION: f32 = 0.5;
+
+/// Places of a scene: from metres east and south to north and ground.
+struct Place<'a> {
+    ground_m: Samples<'a>,
+    cell_m: f64,
+    width_m: f32,
+    height_m: f32,
+}
+
+impl<'a> Place<'a> {
+    fn new(elevation_m: &'a Grid<f32>) -> Self {
+        let frame = elevation_m.frame();
+        let valid = elevation_m.mask().as_slice();
+        let side_m = |cells: usize| (cells as f64 * frame.transform.cell_m) as f32; // rounded as positions are
+        Self {
+            ground_m: Samples::new(frame.rows, frame.cols, elevation_m.values(), valid),
+            cell_m: frame.transform.cell_m,
+            width_m: side_m(frame.cols),
+            height_m: side_m(frame.rows),
+        }
+    }
+
+    fn east_m(&self, east_m: f32) -> f32 {
+        east_m.clamp(0.0, self.width_m)
+    }
+
+    fn north_m(&self, south_m: f32) -> f32 {
+        (self.height_m - south_m).clamp(0.0, self.height_m)
+    }
+
+    /// Elevation, 0 where there is no ground near.
+    fn z_m(&self, east_m: f32, south_m: f32) -> f32 {
+        let cells = |m: f32, most_m: f32| f64::from(m.clamp(0.0, most_m)) / self.cell_m;
+        let (col, row) = (cells(east_m, self.width_m), cells(south_m, self.height_m));
+        self.ground_m.bilinear(CellPosition { row, col }).unwrap_or(0.0)
+    }
+}
+
+impl Forest {
+    /// Its plants; those that the sky sees are canopy.
+    pub fn plants(&self, elevation_m: &Grid<f32>) -> Plants {
+        let (community, place) = (&self.community, Place::new(elevation_m));
+        let seen = self.seen_fraction();
+        let plants = || (0..community.len()).into_par_iter();
+        let layer = plants().map(|plant| {
+            let species = &self.biome.species[usize::from(community.species[plant])];
+            let is_canopy = species.can_be_canopy()
+                && community.height_m[plant] >= LEAST_CANOPY_M
+                && seen[plant] >= LEAST_SEEN_FRACTION;
+            if is_canopy { Layer::Canopy } else { Layer::Undergrowth }
+        });
+        let z_m = plants().map(|p| place.z_m(community.east_m[p], community.south_m[p]));
+        let north_m = plants().map(|p| place.north_m(community.south_m[p]));
+        let east_m = plants().map(|p| place.east_m(community.east_m[p]));
+        Plants {
+            id: community.id.clone(),
+            species: community.species.clone(),
+            layer: layer.collect(),
+            east_m: east_m.collect(),
+            north_m: north_m.collect(),
+            z_m: z_m.collect(),
+            height_m: community.height_m.clone(),
+            crown_radius_m: community.crown_radius_m.clone(),
+            dbh_m: community.dbh_m.clone(),
+            age_years: community.idealized_age_years.clone(),
+            vigor: community.vigor.clone(),
+        }
+    }
+
+    /// Share of each plant's crown, on ground cells, over which no taller plant stands.
+    fn seen_fraction(&self) -> Vec<f32> {
+        let top_m = self.canopy_height_m();
+        let community = &self.community;
+        let seen = (0..community.len()).into_par_iter().map(|plant| {
+            let (mut seen, mut cells) = (0.0, 0.0);
+            let at = [community.east_m[plant], community.south_m[plant]];
+            self.ground.under_disk(at, community.crown_radius_m[plant], |cell| {
+                cells += 1.0;
+                seen += f32::from(u8::from(community.height_m[plant] >= top_m[cell]));
+            });
+            seen / cells
+        });
+        seen.collect()
+    }
+
+    /// What happened to plants, each one's beginning included: those that left a snag or a downed log, and those alive that
+    /// are as high as a breast.
+    pub fn life_histories(&self) -> Vec<LifeEvent> {
+        let community = &self.community;
+        let tall = (0..community.len()).filter(|p| community.height_m[*p] >= RECORDED_HEIGHT_M);
+        let mut ids: Vec<u64> = tall.map(|plant| community.id[plant]).collect();
+        ids.extend(self.history.iter().map(|event| event.plant_id));
+        ids.sort_unstable();
+        ids.dedup();
+        let beginnings = ids.into_iter().map(|plant_id| {
+            let year = community.year_of_sprouting(plant_id);
+            let kind =
+                if year == 0 { LifeEventKind::Present } else { LifeEventKind::Sprouted };
+            let month = if year == 0 { 1 } else { YEARS_END };
+            LifeEvent { plant_id, year, month, kind, severity: 0.0, cause: Cause::Age }
+        });
+        let mut events: Vec<LifeEvent> = beginnings.collect();
+        events.extend(&self.history);
+        events
+    }
+
+    /// Its snags and downed logs.
+    pub fn deadwood(&self, elevation_m: &Grid<f32>) -> Deadwood {
+        let place = Place::new(elevation_m);
+        let since = |year: u16| f32::from(self.year() - year);
+        let mut snags = Snags::default();
+        for snag in &self.stock.snags {
+            snags.id.push(snag.id);
+            snags.species.push(snag.species);
+            snags.east_m.push(place.east_m(snag.east_m));
+            snags.north_m.push(place.north_m(snag.south_m));
+            snags.z_m.push(place.z_m(snag.east_m, snag.south_m));
+            snags.height_m.push(snag.height_m);
+            snags.height_at_death_m.push(snag.height_at_death_m);
+            snags.dbh_m.push(snag.dbh_m);
+            snags.years_dead.push(since(snag.year));
+            snags.decay_class.push(snag.decay_class());
+            snags.density_fraction.push(snag.density_fraction());
+            snags.branch_fraction.push(snag.branch_fraction);
+            snags.cause.push(snag.cause);
+        }
+        let mut downed_logs = DownedLogs::default();
+        for downed_log in &self.stock.downed_logs {
+            let [middle_east_m, middle_south_m] = downed_log.middle_m();
+            downed_logs.id.push(downed_log.id);
+            downed_logs.parent_id.push(downed_log.parent_id);
+            downed_logs.species.push(downed_log.species);
+            downed_logs.kind.push(downed_log.kind);
+            downed_logs.east_m.push(downed_log.east_m);
+            downed_logs.north_m.push(place.height_m - downed_log.south_m);
+            downed_logs.z_m.push(place.z_m(middle_east_m, middle_south_m));
+            downed_logs.length_m.push(downed_log.length_m);
+            downed_logs.diameter_base_m.push(downed_log.diameter_base_m);
+            downed_logs.diameter_tip_m.push(downed_log.diameter_tip_m);
+            downed_logs.azimuth_rad.push(downed_log.azimuth_rad);
+            downed_logs.years_down.push(since(downed_log.year));
+            downed_logs.decay_class.push(downed_log.decay_class());
+            downed_logs.density_fraction.push(downed_log.density_fraction());
+            downed_logs.cause.push(downed_log.cause);
+        }
+        Deadwood { snags, downed_logs }
+    }
+}
