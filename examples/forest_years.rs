@@ -60,7 +60,26 @@ fn main() -> Result<(), Box<dyn Error>> {
         "year live trees>7.5 snags logs | m2/ha live snag log | snag/standing snag/dead | {}",
         keys.join(" ")
     );
+    let mut rain = vec![1.0_f32; 12 * usize::from(years) + 2400];
+    for event in &events {
+        if let wildwood::simulation::disturbance::Disturbance::Drought(drought) = &event.what {
+            let first = 12 * (usize::from(event.year) - 1) + usize::from(event.month) - 1;
+            for (month, f) in (first..).zip(&drought.rain_fractions) {
+                rain[month] = *f;
+            }
+        }
+    }
+    let mut weather = [1.0; 12];
     for year in 1..=years {
+        let of_rain: [f32; 12] = std::array::from_fn(|m| rain[12 * (usize::from(year) - 1) + m]);
+        if of_rain != weather {
+            let mut climate = biome.climate.clone();
+            climate.rain_mm.iter_mut().zip(of_rain).for_each(|(mm, f)| *mm *= f);
+            let moisture =
+                abiotics::moisture_of(&terrain, &maps, &climate, &request.abiotics, &reporter)?;
+            forest.set_moisture(terrain.elevation_m.frame(), &moisture, of_rain);
+            weather = of_rain;
+        }
         let of_year: Vec<_> = events.iter().filter(|e| e.year == year).cloned().collect();
         forest.live_a_year(&of_year);
         if year % 25 == 0 || year == years || !of_year.is_empty() {
@@ -87,6 +106,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             lap = Instant::now();
         }
     }
+    let mut ill = vec![0; usize::from(years) + 1];
+    for event in forest.history() {
+        if event.kind == wildwood::plants::deadwood::LifeEventKind::Infected {
+            ill[usize::from(event.year)] += 1;
+        }
+    }
+    println!("infected {:?}", ill.iter().enumerate().filter(|(_, n)| **n > 0).collect::<Vec<_>>());
     println!("{:?} burnt {:?}", start.elapsed(), forest.burnt_m2());
     println!(
         "{:?}, plant bytes {}",

@@ -90,8 +90,12 @@ pub fn report(folder: &Path, manifest: &Manifest, shared: &Shared) {
         real("downed_log_basal_area_m2_ha"),
     ));
     let burnt = figures.get("burnt_ha").and_then(toml::Value::as_array);
-    let burnt: Vec<String> =
-        burnt.into_iter().flatten().filter_map(toml::Value::as_float).map(|ha| format!("{ha:.1}")).collect();
+    let burnt: Vec<String> = burnt
+        .into_iter()
+        .flatten()
+        .filter_map(toml::Value::as_float)
+        .map(|ha| format!("{ha:.1}"))
+        .collect();
     if !burnt.is_empty() {
         terminal::say(&format!("fires burnt {} ha", burnt.join(", ")));
     }

@@ -126,13 +126,16 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
     // what the forest depends on
     let start = (!request.is_bare).then(|| start_file(&folder, &manifest)).flatten();
     let start_hash = match &start {
-        Some(name) => scene::hash_file(&folder.join(name))
-            .map_err(|source| scene::Error::Read { path: folder.join(name), source })?
-            .0,
+        Some(name) => {
+            scene::hash_file(&folder.join(name))
+                .map_err(|source| scene::Error::Read { path: folder.join(name), source })?
+                .0
+        }
         None => "bare ground".to_owned(),
     };
     let of_stage = |stage: &str| manifest.stages.get(stage).map(|entry| entry.key.clone());
-    let (Some(terrain_key), Some(abiotics_key)) = (of_stage("terrain"), of_stage("abiotics")) else {
+    let (Some(terrain_key), Some(abiotics_key)) = (of_stage("terrain"), of_stage("abiotics"))
+    else {
         return usage(format!(
             "{}: holds no terrain and abiotic maps; make them with wildwood import",
             folder.display()
@@ -334,8 +337,7 @@ impl Ground {
             Some(climate) => climate.clone().try_into().map_err(broken)?,
             None => biome.climate.clone(),
         };
-        let params: abiotics::Params =
-            toml::Value::Table(recorded).try_into().map_err(broken)?;
+        let params: abiotics::Params = toml::Value::Table(recorded).try_into().map_err(broken)?;
         let maps = abiotics::run(&terrain, &climate, &params, reporter)?;
         Ok(Self { terrain, maps, biome, climate, params })
     }
@@ -347,8 +349,8 @@ impl Ground {
         seed: u64,
     ) -> Result<Forest, Error> {
         let frame = self.terrain.elevation_m.frame();
-        let cells = frame.len() as f64
-            * (frame.transform.cell_m / f64::from(parameters.cell_m)).powi(2);
+        let cells =
+            frame.len() as f64 * (frame.transform.cell_m / f64::from(parameters.cell_m)).powi(2);
         if cells >= f64::from(u32::MAX) {
             let what = "a scene of more than 1,000 km²: age parts of it (import with --bbox)";
             return Err(Error::Usage { what: what.to_owned() });
@@ -371,7 +373,13 @@ impl Ground {
         let mut climate = self.climate.clone();
         climate.rain_mm.iter_mut().zip(rain_fraction).for_each(|(mm, share)| *mm *= share);
         let maps = &self.maps;
-        Ok(abiotics::moisture_of(&self.terrain, maps, &climate, &self.params, &reporter.silenced())?)
+        Ok(abiotics::moisture_of(
+            &self.terrain,
+            maps,
+            &climate,
+            &self.params,
+            &reporter.silenced(),
+        )?)
     }
 }
 
@@ -400,9 +408,7 @@ impl Droughts {
     /// Of two droughts at once the drier counts.
     fn rain_fraction(&self, year: u16) -> [f32; MONTHS] {
         let first = (usize::from(year) - 1) * MONTHS;
-        std::array::from_fn(|month| {
-            self.rain_fractions.get(first + month).copied().unwrap_or(1.0)
-        })
+        std::array::from_fn(|month| self.rain_fractions.get(first + month).copied().unwrap_or(1.0))
     }
 }
 

@@ -239,7 +239,8 @@ pub fn read_deadwood(
         file.map(Arc::new).map_err(|source| io::Error::Read { path: path.to_path_buf(), source })
     };
     let most = table::MAX_PLANTS;
-    let snags = snags_table::read_snags(open(&path)?, biome, frame, most).map_err(|e| e.at(&path))?;
+    let snags =
+        snags_table::read_snags(open(&path)?, biome, frame, most).map_err(|e| e.at(&path))?;
     let path = folder.join("downed_logs.parquet");
     let downed_logs = downed_logs_table::read_downed_logs(open(&path)?, biome, frame, most)
         .map_err(|e| e.at(&path))?;

@@ -32,8 +32,8 @@ pub(super) const MAX_DROUGHT_MONTHS: u16 = 1200;
 /// Radius of an ignition where a script gives none, in metres (the authors' scripts have 20 to 50).
 pub(super) const IGNITION_RADIUS_M: f32 = 30.0;
 /// Share of the species' plants about the place that are ill from the start, where a script gives none.
-/// chosen: a handful of trees within 50 m; the paper has "a random subsample", its program one plant.
-pub(super) const FIRST_INFECTED_FRACTION: f32 = 0.1;
+/// chosen: enough to spread from; the paper has "a random subsample", its program one plant.
+pub(super) const FIRST_INFECTED_FRACTION: f32 = 0.3;
 
 /// Less rain than usual, month by month.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

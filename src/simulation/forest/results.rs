@@ -4,9 +4,7 @@ use rayon::prelude::*;
 
 use super::fuel::RECORDED_HEIGHT_M;
 use super::run::Forest;
-use crate::plants::deadwood::{
-    Cause, Deadwood, DownedLogs, LifeEvent, LifeEventKind, Snags,
-};
+use crate::plants::deadwood::{Cause, Deadwood, DownedLogs, LifeEvent, LifeEventKind, Snags};
 use crate::plants::{Layer, Plants};
 use crate::raster::Grid;
 use crate::raster::resample::{CellPosition, Samples};
@@ -112,8 +110,7 @@ impl Forest {
         ids.dedup();
         let beginnings = ids.into_iter().map(|plant_id| {
             let year = community.year_of_sprouting(plant_id);
-            let kind =
-                if year == 0 { LifeEventKind::Present } else { LifeEventKind::Sprouted };
+            let kind = if year == 0 { LifeEventKind::Present } else { LifeEventKind::Sprouted };
             let month = if year == 0 { 1 } else { YEARS_END };
             LifeEvent { plant_id, year, month, kind, severity: 0.0, cause: Cause::Age }
         });
