@@ -43,6 +43,9 @@ pub struct Disease {
 /// Radius in which a disease breaks out, in spread radii. chosen: s(d) lets few plants infect nobody, so that an outbreak which is no
 /// wider than its reach dies out at its rim.
 const OUTBREAK_RADII: f32 = 4.0;
+/// Share of a species' plants near that are ill where contagion is as likely as it gets. chosen: with it the moth of the authors'
+/// script (P_spread 0.3) has one great wave and settles at a level, as in their Fig. 13.
+const FULL_FRACTION: f32 = 0.8;
 /// Cover of a species below which its plants are too far apart for each other. chosen: saplings at a distance of ten crowns.
 const LEAST_HOSTS_FRACTION: f32 = 0.01;
 
@@ -175,7 +178,7 @@ pub fn live_a_month(
         let [east_m, south_m] = [hosts.east_m[index], hosts.south_m[index]];
         let hosts_m2 =
             all.around_m2(east_m, south_m).max(LEAST_HOSTS_FRACTION * radius_m * radius_m);
-        let density = ill.around_m2(east_m, south_m) / hosts_m2;
+        let density = (ill.around_m2(east_m, south_m) / (FULL_FRACTION * hosts_m2)).min(1.0);
         let probability = disease.spread_probability_per_month * math::smoothstep(density);
         probability > 0.0 && draws(seed, year, month, number, hosts.id[index])[0] < probability
     };
