@@ -64,8 +64,8 @@ enum Command {
     Age(age::AgeArguments),
     /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (some minutes).
     Statistics(statistics::StatisticsArguments),
-    /// Measure simulation and synthesis of undergrowth beside what ecology and the papers say (half a minute).
-    Validate,
+    /// Measure simulation and synthesis of undergrowth, and of deadwood, beside what ecology and the papers say (half a minute).
+    Validate(validate::ValidateArguments),
     /// Run standard workloads, one JSON line each.
     Bench(bench::BenchArguments),
     /// Say what was found on this machine.
@@ -102,7 +102,7 @@ pub fn main() -> ExitCode {
         Command::Grow(arguments) => grow::run(arguments, shared, &reporter),
         Command::Age(arguments) => age::run(arguments, shared, &reporter),
         Command::Statistics(arguments) => statistics::run(arguments, shared, &reporter),
-        Command::Validate => validate::run(shared, &reporter),
+        Command::Validate(arguments) => validate::run(arguments, shared, &reporter),
         Command::Bench(arguments) => bench::run(arguments, &reporter),
         Command::Doctor => doctor::run(shared.json),
     };

@@ -1,13 +1,32 @@
 //! `wildwood validate`: what comes out, beside what should.
 
+use std::path::PathBuf;
+
+use clap::Args;
 use serde_json::json;
 
 use super::{Outcome, Shared, terminal};
-use crate::pipeline::validation;
+use crate::pipeline::{gresolet, validation};
 use crate::progress::Reporter;
 
-pub fn run(shared: &Shared, reporter: &Reporter) -> Outcome {
-    let findings = validation::run(reporter)?;
+/// What `wildwood validate` takes.
+#[derive(Args)]
+pub struct ValidateArguments {
+    /// Folder with heightfield.elv and scriptedEvents_full.txt of the Deadwood program (github.com/oargudo/deadwood, MIT): adds what
+    /// eight centuries bring about there, undisturbed and by its script (a minute or two).
+    #[arg(long, value_name = "FOLDER")]
+    gresolet: Option<PathBuf>,
+    /// Folder for pictures of both timelines.
+    #[arg(long, value_name = "FOLDER", requires = "gresolet")]
+    pictures: Option<PathBuf>,
+}
+
+pub fn run(arguments: &ValidateArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
+    let mut findings = Vec::new();
+    if let Some(data) = &arguments.gresolet {
+        findings = gresolet::run(data, arguments.pictures.as_ref(), reporter)?;
+    }
+    findings.splice(0..0, validation::run(reporter)?);
     for finding in &findings {
         if shared.json {
             let mut line = json!(finding);

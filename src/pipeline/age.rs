@@ -164,31 +164,21 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
     let forest = ground.bare_forest(parameters, decay, seed)?;
     let (mut forest, mut growth) = resume(&folder, &key, request.years, forest, &plants, &frame);
     let events = schedule::drawn(&schedule, request.years, seed);
-    let droughts = Droughts::of(&events);
     let stage = reporter.stage("age", u64::from(request.years));
     stage.advance(u64::from(forest.year()));
-    let mut weather = [1.0; MONTHS];
-    while forest.year() < request.years {
-        let year = forest.year() + 1;
-        let rain = droughts.rain_fraction(year);
-        if rain != weather {
-            let moisture_mm = ground.moisture_mm(rain, reporter)?;
-            forest.set_moisture(&frame, &moisture_mm, rain);
-            weather = rain;
-        }
-        let of_year: Vec<Event> =
-            events.iter().filter(|event| event.year == year).cloned().collect();
-        forest.live_a_year(&of_year);
-        record_growth(&forest, &request.growth_of, &mut growth);
+    let mut keep = |forest: &Forest| {
+        let year = forest.year();
+        record_growth(forest, &request.growth_of, &mut growth);
         stage.advance(1);
         let is_due = year.is_multiple_of(request.checkpoint_years) && year < request.years;
         let is_cancelled = reporter.check_cancelled();
         if is_due || is_cancelled.is_err() {
-            let bytes = Checkpoint::of(&key, &forest, &growth).to_bytes()?;
+            let bytes = Checkpoint::of(&key, forest, &growth).to_bytes()?;
             scene::write_beside(&folder, CHECKPOINT_FILE, &bytes)?;
         }
-        is_cancelled?;
-    }
+        Ok(is_cancelled?)
+    };
+    ground.live(&mut forest, &events, request.years, reporter, &mut keep)?;
     drop(stage);
 
     // write
@@ -318,6 +308,41 @@ fn record_growth(forest: &Forest, of: &GrowthOf, growth: &mut Vec<GrowthRecord>)
 }
 
 impl Ground {
+    /// Terrain in its biome's climate.
+    pub(super) fn of(terrain: Terrain, biome: Biome, reporter: &Reporter) -> Result<Self, Error> {
+        let (climate, params) = (biome.climate.clone(), abiotics::Params::default());
+        let maps = abiotics::run(&terrain, &climate, &params, reporter)?;
+        Ok(Self { terrain, maps, biome, climate, params })
+    }
+
+    /// Lives through the years up to one, with what of these events falls into them; `after` sees the forest at the end of each.
+    pub(super) fn live(
+        &self,
+        forest: &mut Forest,
+        events: &[Event],
+        years: u16,
+        reporter: &Reporter,
+        after: &mut dyn FnMut(&Forest) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        let frame = self.terrain.elevation_m.frame();
+        let droughts = Droughts::of(events);
+        let mut weather = [1.0; MONTHS];
+        while forest.year() < years {
+            let year = forest.year() + 1;
+            let rain = droughts.rain_fraction(year);
+            if rain != weather {
+                let moisture_mm = self.moisture_mm(rain, reporter)?;
+                forest.set_moisture(frame, &moisture_mm, rain);
+                weather = rain;
+            }
+            let of_year: Vec<Event> =
+                events.iter().filter(|event| event.year == year).cloned().collect();
+            forest.live_a_year(&of_year);
+            after(forest)?;
+        }
+        Ok(())
+    }
+
     fn read(
         folder: &Path,
         manifest: &Manifest,
@@ -342,7 +367,7 @@ impl Ground {
         Ok(Self { terrain, maps, biome, climate, params })
     }
 
-    fn bare_forest(
+    pub(super) fn bare_forest(
         &self,
         parameters: Parameters,
         decay: DecayParameters,

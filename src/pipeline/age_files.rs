@@ -150,7 +150,7 @@ pub fn write(
 }
 
 /// What the timeline says of events.
-fn marks(events: &[Event], biome: &Biome) -> Vec<TimelineMark> {
+pub fn marks(events: &[Event], biome: &Biome) -> Vec<TimelineMark> {
     let mark = |event: &Event| {
         let label = match &event.what {
             Disturbance::Wildfire(_) => "Fire".to_owned(),

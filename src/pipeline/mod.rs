@@ -4,7 +4,7 @@
 //! [`grow`] (canopy trees), `measured_canopy` and [`learned_canopy`] with `paint` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints);
 //! [`undergrowth`] (and the forest floor), [`statistics`] (what undergrowth is synthesised from),
 //! [`age`] with `age_files` and `checkpoint` (centuries of growth, disturbance, death and decay),
-//! [`validation`] (what comes of it, beside what should), [`close_up`] (a picture of a square of what grew).
+//! [`validation`] and [`gresolet`] (what comes of it, beside what should), [`close_up`] (a picture of a square of what grew).
 
 pub mod age;
 mod age_files;
@@ -13,6 +13,7 @@ mod checkpoint;
 pub mod close_up;
 pub mod demo;
 pub mod exclusion;
+pub mod gresolet;
 pub mod grow;
 pub mod import;
 pub mod learned_canopy;

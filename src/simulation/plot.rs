@@ -348,6 +348,12 @@ impl Plot {
         &self.ground
     }
 
+    /// The ground of a place.
+    pub fn ground_at(&self, east_m: f32, south_m: f32) -> &GroundCell {
+        let [row, col] = self.cell_at(east_m, south_m);
+        &self.ground[self.ground_of(row, col)]
+    }
+
     /// What the canopy leaves to a simulation cell.
     #[inline]
     pub(super) fn canopy_at(&self, cell: usize) -> CanopyCell {

@@ -13,7 +13,7 @@ use crate::species::{Form, Leaf};
 
 /// Water of live fuel over its dry mass, percent, with an empty pool and with a full one. chosen: between dry grass and
 /// half of what foliage holds, as litter burns with it.
-const LIVE_MOISTURE_PERCENT: [f32; 2] = [5.0, 18.0];
+const LIVE_MOISTURE_PERCENT: [f32; 2] = [5.0, 19.0];
 /// The same of sound deadwood on ground as dry as it gets, and on ground as wet as usual; moderately dry and moist dead
 /// fuel of fire behaviour models.
 const DEAD_MOISTURE_PERCENT: [f32; 2] = [3.5, 15.0];

@@ -22,8 +22,8 @@ const FORM_FACTOR: [f32; 2] = [0.45, 0.48];
 const GREEN_FACTOR: f32 = 1.85;
 /// Sector around the wind in which trees fall, radians. chosen: gusts veer.
 const GUST_SECTOR_RAD: f32 = 0.35;
-/// Months of the best vigor that a tree loses with all its branches. chosen: its whole pool.
-const BRANCHES_LOSS: f32 = 1.0;
+/// Months of the best vigor that a tree loses with all its branches. chosen: a full pool and the certainty of death.
+const BRANCHES_LOSS: f32 = 2.0;
 
 impl Forest {
     /// A storm in a month.
