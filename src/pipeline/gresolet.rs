@@ -252,7 +252,6 @@ fn of_storms(forest: &Forest, events: &[Event]) -> Vec<Finding> {
     let storms = events.iter().filter(|event| matches!(event.what, Disturbance::WindStorm(_)));
     let storms: Vec<u16> = storms.map(|event| event.year).collect();
     let downed = |year: u16| sum(forest, year, |row| row.downed_log_m2_ha);
-    let snags = |year: u16| sum(forest, year, |row| row.snag_m2_ha);
     let mean = |of: &dyn Fn(u16) -> f64| {
         storms.iter().map(|year| of(*year)).sum::<f64>() / storms.len().max(1) as f64
     };
@@ -264,11 +263,11 @@ fn of_storms(forest: &Forest, events: &[Event]) -> Vec<Finding> {
             high: f64::INFINITY,
         },
         Finding {
-            name: "Gresolet, storms: snags in their second peak, years 1–12, over the year of the storm",
+            name: "Gresolet, storms: downed logs at their most 5–12 years after over 2 years after, mean of three",
             value: mean(&|year| {
-                (year + 1..=year + 12).map(snags).fold(0.0, f64::max) / snags(year)
+                (year + 5..=year + 12).map(downed).fold(0.0, f64::max) / downed(year + 2)
             }),
-            low: 1.1,
+            low: 1.02,
             high: f64::INFINITY,
         },
     ]

@@ -334,6 +334,11 @@ impl Community {
         ]
     }
 
+    /// Vigor that a plant's pool holds.
+    pub fn pool_capacity(&self, plant: usize) -> f32 {
+        self.parameters.pool_capacity_of(self.height_m[plant])
+    }
+
     /// Adds a plant of an idealized age, its reserves full.
     pub fn plant(&mut self, id: u64, species: u16, [east_m, south_m]: [f32; 2], age_years: f32) {
         let [height_m, crown_radius_m] = self.traits[usize::from(species)].size_m(age_years);
@@ -342,7 +347,7 @@ impl Community {
         self.east_m.push(east_m);
         self.south_m.push(south_m);
         self.idealized_age_years.push(age_years);
-        self.carbon_pool.push(self.parameters.pool_capacity);
+        self.carbon_pool.push(self.parameters.pool_capacity_of(height_m));
         self.height_m.push(height_m);
         self.crown_radius_m.push(crown_radius_m);
         if self.is_whole_forest {
@@ -617,11 +622,11 @@ impl Community {
         } else {
             0.0
         };
+        let capacity = self.parameters.pool_capacity_of(self.height_m[index]);
         let months = months.clone();
         for (vigor, years) in vigor[months.clone()].iter().zip(&traits.years_a_month[months]) {
             let overflow;
-            (pool, overflow) =
-                carbon_pool::after_month(pool, *vigor, self.parameters.pool_capacity);
+            (pool, overflow) = carbon_pool::after_month(pool, *vigor, capacity);
             age_years += overflow * years;
             lowest_pool = if pool < lowest_pool { pool } else { lowest_pool };
         }

@@ -51,6 +51,10 @@ pub struct Parameters {
     pub cell_m: f32,
     /// Vigor that the carbon pool holds, in months of the best vigor.
     pub pool_capacity: f32,
+    /// What a tree of [`Self::full_pool_height_m`] and more holds besides, and lower plants the less.
+    pub tree_pool_capacity: f32,
+    /// Height from which pools are as large as they get, m.
+    pub full_pool_height_m: f32,
     /// Share of a species that reaches its greatest age.
     pub survivors_fraction: f32,
     /// Height by age.
@@ -84,6 +88,8 @@ impl Parameters {
         Self {
             cell_m: 0.2,
             pool_capacity: 0.6,
+            tree_pool_capacity: 0.0,
+            full_pool_height_m: 10.0,
             survivors_fraction: 0.01,
             growth: GrowthCurve::Smoothstep,
             open_limit_m: 3.0,
@@ -95,6 +101,12 @@ impl Parameters {
             seed_reach_radii: 12.0,
             lifespan_exponent: 1.2,
         }
+    }
+
+    /// Vigor that the pool of a plant of this height holds, in months of the best vigor.
+    #[inline]
+    pub fn pool_capacity_of(&self, height_m: f32) -> f32 {
+        self.pool_capacity + self.tree_pool_capacity * (height_m / self.full_pool_height_m).min(1.0)
     }
 
     /// Undergrowth of a biome: [`Self::kapp2020`], with no more seedlings than sprout there.
@@ -110,10 +122,15 @@ impl Parameters {
     /// # Reference
     /// Peytavie et al. 2024, section 5, and what their program ran (PAPER_NOTES §7, §10): cells of 50 cm, a pool of 1,
     /// germination of 0.005 per cell and year, 0.0279 on logs.
+    /// # Departures
+    /// Their pool is 1 for seedling and tree alike: five bad months empty it, and the dry season of a Mediterranean summer, which
+    /// has six, killed half of any grown forest within five years. Trees store carbon to leaf out several times over: theirs
+    /// is 2.5. chosen: a year of the greatest stress.
     pub fn peytavie2024() -> Self {
         Self {
             cell_m: 0.5,
             pool_capacity: 1.0,
+            tree_pool_capacity: 1.5,
             growth: GrowthCurve::Envelope,
             open_limit_m: f32::INFINITY,
             seed_chance_per_year: 0.005,

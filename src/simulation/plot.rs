@@ -260,6 +260,9 @@ impl Plot {
     ///
     /// # Reference
     /// Peytavie et al. 2024, section 5.1: abiotic factors on cells of 1–3 m.
+    /// # Departures
+    /// Light is the yearly mean in every month. Hours of the species tables are such means, by which species maps are made too;
+    /// month by month, oaks that want 8 to 15 hours would die of any winter, and firs that bear 2 to 8 of any summer.
     ///
     /// # Panics
     /// If `is_barren` is not of the maps' size.
@@ -271,13 +274,13 @@ impl Plot {
     ) -> Self {
         let joined = Joined::of(maps.slope_rad.frame());
         let is_valid = |index: usize| maps.slope_rad.mask().is_valid(index);
+        let mean_sun_h = maps.sunlight_h.yearly_mean();
         let ground: Vec<GroundCell> = (0..joined.rows * joined.cols)
             .into_par_iter()
             .map(|block| GroundCell {
-                sun_h: std::array::from_fn(|month| {
-                    let values = maps.sunlight_h.month(month);
-                    joined.mean(block, |index| is_valid(index).then(|| values[index]))
-                }),
+                sun_h: [joined
+                    .mean(block, |index| is_valid(index).then(|| mean_sun_h.values()[index]));
+                    MONTHS],
                 moisture_mm: [0.0; MONTHS],
                 temperature_c: std::array::from_fn(|month| {
                     joined.mean(block, |index| {

@@ -81,7 +81,7 @@ fn year(community: &Community, biome: &Biome, parameters: &Parameters) -> Vec<Gr
                 ground.temperature_c[month],
                 ground.slope_rad,
             ));
-            let capacity = f64::from(parameters.pool_capacity);
+            let capacity = f64::from(parameters.pool_capacity_of(community.height_m[plant]));
             let filled = grown[plant].carbon_pool + vigor;
             if species.growing_season.contains(month as u8 + 1) {
                 let months = f64::from(species.growing_season.months());

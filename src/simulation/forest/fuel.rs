@@ -13,10 +13,10 @@ use crate::species::{Form, Leaf};
 
 /// Water of live fuel over its dry mass, percent, with an empty pool and with a full one. chosen: between dry grass and
 /// half of what foliage holds, as litter burns with it.
-const LIVE_MOISTURE_PERCENT: [f32; 2] = [5.0, 19.0];
+const LIVE_MOISTURE_PERCENT: [f32; 2] = [3.5, 19.0];
 /// The same of sound deadwood on ground as dry as it gets, and on ground as wet as usual; moderately dry and moist dead
 /// fuel of fire behaviour models.
-const DEAD_MOISTURE_PERCENT: [f32; 2] = [3.5, 15.0];
+const DEAD_MOISTURE_PERCENT: [f32; 2] = [2.5, 15.0];
 /// What rotten wood holds more than sound wood, percent.
 const ROTTEN_MOISTURE_PERCENT: f32 = 15.0;
 /// Volume of dead wood on a m² that burns as well as a closed crown does, m. chosen: 200 m³/ha, an old-growth forest's.
@@ -24,9 +24,7 @@ const FULL_DEADWOOD_M: f32 = 0.02;
 /// How much likelier needles burn, and broad leaves (P_veg): Alexandridis et al. 2008 have 0.4 for pines and −0.3 for
 /// farmland; broadleaved forest lies between.
 const VEGETATION: [f32; 2] = [0.3, -0.2];
-/// Months of the best vigor that a plant with a thin stem loses where all burns. chosen: a full pool and the certainty of death.
-const LOSS: f32 = 2.0;
-/// Stem that loses half as much, m: bark grows with the stem.
+/// Stem that loses half of what kills a thin one, a full pool and the certainty of death, m: bark grows with the stem.
 const THICK_DBH_M: f32 = 0.5;
 /// Share of what is left of its deathspan that wholly burnt deadwood loses. chosen: half burns away.
 const CONSUMED_FRACTION: f32 = 0.5;
@@ -81,8 +79,9 @@ impl Forest {
                 continue;
             }
             let bark = 1.0 - 0.5 * (community.dbh_m[plant] / THICK_DBH_M).min(1.0);
+            let loss = (community.pool_capacity(plant) - carbon_pool::LOWEST) * bark * severity;
             let pool = &mut community.carbon_pool[plant];
-            *pool = (*pool - LOSS * bark * severity).max(carbon_pool::LOWEST);
+            *pool = (*pool - loss).max(carbon_pool::LOWEST);
             season.lowest_pool[plant] = season.lowest_pool[plant].min(*pool);
             toll.is_burnt[plant] = true;
             if community.height_m[plant] >= RECORDED_HEIGHT_M {
@@ -135,7 +134,8 @@ impl Forest {
             let at = [community.east_m[plant], community.south_m[plant]];
             let radius_m = community.crown_radius_m[plant];
             let [dry, fresh] = LIVE_MOISTURE_PERCENT;
-            let moisture = dry + (fresh - dry) * community.carbon_pool[plant].clamp(0.0, 1.0);
+            let filled = community.carbon_pool[plant] / community.pool_capacity(plant);
+            let moisture = dry + (fresh - dry) * filled.clamp(0.0, 1.0);
             let vegetation = match (species.form, species.leaf) {
                 (Form::Herb, _) => 0.0,
                 (_, Leaf::Needle) => VEGETATION[0],

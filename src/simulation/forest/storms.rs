@@ -20,10 +20,11 @@ const LEAST_HEIGHT_M: f32 = 3.0;
 const FORM_FACTOR: [f32; 2] = [0.45, 0.48];
 /// Mass of green wood over that of dry wood. Peytavie et al. 2024, section 5.3.2.
 const GREEN_FACTOR: f32 = 1.85;
+/// How far a tree's critical speeds lie from its species', as a share. chosen: roots and wood differ from tree to tree, so that
+/// storms break a third of the trees that they throw.
+const STRENGTH_SPREAD: f32 = 0.25;
 /// Sector around the wind in which trees fall, radians. chosen: gusts veer.
 const GUST_SECTOR_RAD: f32 = 0.35;
-/// Months of the best vigor that a tree loses with all its branches. chosen: a full pool and the certainty of death.
-const BRANCHES_LOSS: f32 = 2.0;
 
 impl Forest {
     /// A storm in a month.
@@ -31,7 +32,8 @@ impl Forest {
     /// # Reference
     /// Peytavie et al. 2024, section 5.3.2, Eqs. 14–16.
     /// # Departures
-    /// Within a canopy wind falls off with depth, so that saplings do not fall with the trees above them.
+    /// Within a canopy wind falls off with depth, so that saplings do not fall with the trees above them. Critical speeds differ
+    /// from tree to tree: by Eqs. 14–15 that of uprooting is one for all trees of a species, and nothing ever snaps.
     pub(super) fn blow(
         &mut self,
         wind: &WindStorm,
@@ -60,6 +62,15 @@ impl Forest {
         let draws = |entity: u64, month: u8| {
             rng::uniforms(Key { seed, process: Process::StormDamage, year, month, entity })
         };
+        // a tree's own roots and wood: months after December are no others' draws
+        let varied = |speeds: CriticalSpeeds, entity: u64| {
+            let [roots, wood, ..] = draws(entity, month + 12);
+            let vary = |draw: f32| 1.0 + STRENGTH_SPREAD * (2.0 * draw - 1.0);
+            CriticalSpeeds {
+                uproot_m_s: speeds.uproot_m_s * vary(roots),
+                snap_m_s: speeds.snap_m_s * vary(wood),
+            }
+        };
 
         // trees
         let mut broken = Vec::new();
@@ -71,6 +82,7 @@ impl Forest {
             }
             let species = self.traits(community.species[plant]).species();
             let speeds = critical_speeds(species, community.dbh_m[plant], height_m, 1.0, true);
+            let speeds = varied(speeds, community.id[plant]);
             let wind_m_s = blown([community.east_m[plant], community.south_m[plant]], height_m);
             let draws = draws(community.id[plant], month);
             let azimuth_rad = downwind_rad + GUST_SECTOR_RAD * (2.0 * draws[3] - 1.0);
@@ -116,6 +128,7 @@ impl Forest {
             let species = self.traits(snag.species).species();
             let strength = snag.density_fraction();
             let speeds = critical_speeds(species, snag.dbh_m, snag.height_m, strength, false);
+            let speeds = varied(speeds, snag.id);
             let draws = draws(snag.id, month);
             let damage = storm::damage(&speeds, blown(at, snag.height_m), draws);
             let above_m = match damage {
@@ -152,11 +165,13 @@ impl Forest {
         self.stock.snags = snags;
     }
 
+    /// With all its branches a tree loses a full pool and more: it is certain to die.
     fn break_branches(&mut self, plant: usize, fraction: f32, season: &mut Season) {
         let (seed, year) = (self.seed, self.community.year());
         let community = &mut self.community;
+        let loss = (community.pool_capacity(plant) - carbon_pool::LOWEST) * fraction;
         let pool = &mut community.carbon_pool[plant];
-        *pool = (*pool - BRANCHES_LOSS * fraction).max(carbon_pool::LOWEST);
+        *pool = (*pool - loss).max(carbon_pool::LOWEST);
         season.lowest_pool[plant] = season.lowest_pool[plant].min(*pool);
         let index = community.species[plant];
         let species = self.biome.species[usize::from(index)].clone();
