@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         None => Vec::new(),
     };
-    let parameters = Parameters::peytavie2024();
+    let parameters = Parameters::forest(&biome);
     let barren = maps.river.values().to_vec();
     let plot = Plot::open(&maps, &barren, &biome, &parameters);
     println!("{} cells, {} bytes a cell", plot.cells(), plot.bytes() as f64 / plot.cells() as f64);

@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::{Outcome, Shared, terminal};
-use crate::pipeline::age::{self, AgeRequest, GrowthOf};
+use crate::pipeline::age::{self, AgeRequest, GrowthOf, Script};
 use crate::progress::Reporter;
 use crate::scene::Manifest;
 
@@ -49,7 +49,7 @@ pub fn run(arguments: &AgeArguments, shared: &Shared, reporter: &Reporter) -> Ou
     let request = AgeRequest {
         output: arguments.output.clone(),
         is_bare: arguments.bare,
-        events: arguments.events.clone(),
+        events: arguments.events.clone().map_or(Script::None, Script::File),
         seed: shared.seed,
         checkpoint_years: arguments.checkpoint,
         growth_of: arguments.history.clone().unwrap_or_default(),

@@ -1,10 +1,11 @@
-//! `wildwood demo`: a landscape of its own, its maps, its trees and its picture.
+//! `wildwood demo`: a landscape of its own, its maps, its forest and what decades and a storm make of it.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
 use super::{Outcome, Shared, grow, import};
+use crate::pipeline::age::{self, AgeRequest, Script};
 use crate::pipeline::demo;
 use crate::pipeline::import::DEFAULT_BIOME;
 use crate::pipeline::import::DEFAULT_SEED;
@@ -23,7 +24,22 @@ pub struct DemoArguments {
     /// Cells along a side; a cell is 2 m.
     #[arg(long, value_name = "CELLS", default_value_t = 512, value_parser = clap::value_parser!(u16).range(16..=8192))]
     size: u16,
+    /// Years that the forest is aged by, with a storm five years before the end; 0 leaves it as it grew.
+    #[arg(long, value_name = "YEARS", default_value_t = 60, value_parser = clap::value_parser!(u16).range(0..=1000))]
+    age: u16,
 }
+
+/// A gale from the west.
+const STORM: &str = r#"
+[[event]]
+type = "wind-storm"
+year = YEAR
+month = 1
+speed_m_s = 32
+from_deg = 260
+"#;
+/// Years that the storm's downed logs lie at the end.
+const YEARS_AFTER_STORM: u16 = 5;
 
 pub fn run(arguments: &DemoArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
     let size = usize::from(arguments.size);
@@ -36,5 +52,15 @@ pub fn run(arguments: &DemoArguments, shared: &Shared, reporter: &Reporter) -> O
     let manifest = demo::run(arguments.output.clone(), &arguments.biome, &params, reporter)?;
     import::report(&arguments.output, &manifest, shared);
     grow::report_trees(&manifest, shared);
+    if arguments.age == 0 {
+        return Ok(());
+    }
+    let storm_year = arguments.age.saturating_sub(YEARS_AFTER_STORM).max(1);
+    let request = AgeRequest {
+        events: Script::Text(STORM.replace("YEAR", &storm_year.to_string())),
+        ..AgeRequest::new(arguments.output.clone(), arguments.age)
+    };
+    let (manifest, folder) = age::run(&request, reporter)?;
+    super::age::report(&folder, &manifest, shared);
     Ok(())
 }

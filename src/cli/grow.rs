@@ -11,6 +11,7 @@ use crate::canopy::learned::sketch::Density;
 use crate::export::close_up::area::{self, Area};
 use crate::gpu::GpuChoice;
 use crate::inference::{LibrarySearch, ModelSource, RuntimeChoice, Runtimes};
+use crate::pipeline::age::{self, AgeRequest};
 use crate::pipeline::close_up::PLANTS_FILE;
 use crate::pipeline::grow::{self, CanopyRequest, GroundSource, GrowRequest, STAGE};
 use crate::pipeline::learned_canopy::{LearnedRequest, PaintSource, StandHeight};
@@ -90,6 +91,9 @@ pub struct GrowArguments {
     /// The same in a square only: its middle in map coordinates, and its side in metres.
     #[arg(long, value_name = "EAST,NORTH,SIZE", conflicts_with = "refine", value_parser = square, allow_hyphen_values = true)]
     refine_area: Option<MapWindow>,
+    /// Then age the forest by these years, as wildwood age does: snags and downed logs come about.
+    #[arg(long, value_name = "YEARS", value_parser = clap::value_parser!(u16).range(1..=i64::from(age::MOST_YEARS)))]
+    age: Option<u16>,
     /// Format of the table of plants; csv is written besides parquet, which later runs read.
     #[arg(long, value_name = "FORMAT", default_value = "parquet", value_parser = table_format)]
     table: TableFormat,
@@ -129,6 +133,7 @@ impl GrowArguments {
             undergrowth_statistics,
             refine,
             refine_area,
+            age,
             table,
             gpu: _,
             preview_area: _,
@@ -142,7 +147,7 @@ impl GrowArguments {
             && files.into_iter().all(Option::is_none)
             && (density.is_none() && stand_height.is_none() && onnx.is_none())
             && (chm_unit.is_none() && shares.is_none() && exclude.is_empty())
-            && !(*no_undergrowth || *refine || refine_area.is_some())
+            && !(*no_undergrowth || *refine || refine_area.is_some() || age.is_some())
             && *exclude_width == default.exclude_width_m
             && *min_height == default.placement.canopy_min_height_m
             && *table == default.table
@@ -261,6 +266,12 @@ pub fn run(arguments: &GrowArguments, shared: &Shared, reporter: &Reporter) -> O
     let manifest = grow::run(&request, reporter)?;
     import::report(&folder, &manifest, shared);
     report_trees(&manifest, shared);
+    let mut manifest = manifest;
+    if let Some(years) = arguments.age {
+        let request = AgeRequest { seed: shared.seed, ..AgeRequest::new(folder.clone(), years) };
+        (manifest, _) = age::run(&request, reporter)?;
+        super::age::report(&folder, &manifest, shared);
+    }
     match &arguments.preview_area {
         Some(area) => picture(&folder, &manifest, area, shared, reporter),
         None => Ok(()),

@@ -46,6 +46,18 @@ pub enum GrowthOf {
     All,
 }
 
+/// Where disturbances come from.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Script {
+    /// There are none.
+    #[default]
+    None,
+    /// A file.
+    File(PathBuf),
+    /// The text of one.
+    Text(String),
+}
+
 /// A forest to age.
 #[derive(Clone, Debug)]
 pub struct AgeRequest {
@@ -58,7 +70,7 @@ pub struct AgeRequest {
     /// Whether to begin from bare ground whatever grows there.
     pub is_bare: bool,
     /// Script of disturbances.
-    pub events: Option<PathBuf>,
+    pub events: Script,
     /// The seed; none takes the scene's.
     pub seed: Option<u64>,
     /// Years between checkpoints.
@@ -75,7 +87,7 @@ impl AgeRequest {
             output: None,
             years,
             is_bare: false,
-            events: None,
+            events: Script::None,
             seed: None,
             checkpoint_years: 25,
             growth_of: GrowthOf::None,
@@ -141,7 +153,7 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
             folder.display()
         ));
     };
-    let (parameters, decay) = (Parameters::peytavie2024(), DecayParameters::peytavie2024());
+    let (parameters, decay) = (Parameters::forest(&biome), DecayParameters::peytavie2024());
     let key = import::key(&[
         STAGE,
         &terrain_key,
@@ -212,12 +224,18 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
 
 /// The schedule of a request, checked whole.
 fn read_schedule(request: &AgeRequest, biome: &Biome) -> Result<Schedule, Error> {
-    let Some(path) = &request.events else { return Ok(Schedule::default()) };
-    let text = fs::read_to_string(path)
-        .map_err(|e| Error::Usage { what: format!("{}: {e}", path.display()) })?;
+    let (text, name) = match &request.events {
+        Script::None => return Ok(Schedule::default()),
+        Script::Text(text) => (text.clone(), "the script".to_owned()),
+        Script::File(path) => {
+            let text = fs::read_to_string(path)
+                .map_err(|e| Error::Usage { what: format!("{}: {e}", path.display()) })?;
+            (text, path.display().to_string())
+        }
+    };
     let keys: Vec<String> = biome.species.iter().map(|species| species.key.clone()).collect();
     schedule::parse_within(&text, &keys, request.years)
-        .map_err(|e| Error::Usage { what: format!("{}: {e}", path.display()) })
+        .map_err(|e| Error::Usage { what: format!("{name}: {e}") })
 }
 
 /// The table of plants that a scene's forest is aged from, if it has one.

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::age::{self, AgeRequest, Ground};
+use super::age::{self, AgeRequest, Ground, Script};
 use super::scene_files::{StageFiles, mean};
 use super::{Error, undergrowth};
 use crate::canopy::site::Site;
@@ -44,8 +44,13 @@ pub fn parameters(request: &AgeRequest, schedule: &Schedule) -> toml::Table {
     let mut add = |key: &str, value: toml::Value| parameters.insert(key.to_owned(), value);
     add("years", i64::from(request.years).into());
     add("bare_ground", request.is_bare.into());
-    if let Some(path) = &request.events {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if request.events != Script::None {
+        let name = match &request.events {
+            Script::File(path) => {
+                path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+            }
+            _ => "built in".to_owned(),
+        };
         add("events", name.into());
         add("scripted_events", (schedule.events.len() as i64).into()); // some thousands
         add("recurring_events", (schedule.stochastic.len() as i64).into());

@@ -58,7 +58,7 @@ pub fn run(
     let scripted = schedule::drawn(&script, YEARS, SEED);
 
     let bare =
-        ground.bare_forest(Parameters::peytavie2024(), DecayParameters::peytavie2024(), SEED)?;
+        ground.bare_forest(Parameters::forest(biome), DecayParameters::peytavie2024(), SEED)?;
     let stage = reporter.stage("Gresolet", u64::from(YEARS) * 2);
     let advance = |years: u16| stage.advance(u64::from(years));
     let live = |forest: &mut Forest, events: &[Event], to: u16| {
