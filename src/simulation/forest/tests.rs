@@ -226,7 +226,7 @@ fn assert_history(events: &[LifeEvent]) {
         assert!(events.is_sorted_by_key(|event| (event.year, event.month)), "{events:?}");
         let begins =
             |e: &&LifeEvent| matches!(e.kind, LifeEventKind::Present | LifeEventKind::Sprouted);
-        assert!(begins(&events[0]) && !events[1..].iter().any(|event| begins(event)));
+        assert!(begins(&events[0]) && !events[1..].iter().any(begins));
         let dies = |event: &&&LifeEvent| event.kind == LifeEventKind::Died;
         assert!(events.iter().filter(dies).count() <= 1, "{events:?}");
         for event in events.iter().skip_while(|event| !dies(event)).skip(1) {
