@@ -146,7 +146,7 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
         None => "bare ground".to_owned(),
     };
     let of_stage = |stage: &str| manifest.stages.get(stage).map(|entry| entry.key.clone());
-    let (Some(terrain_key), Some(abiotics_key)) = (of_stage("terrain"), of_stage("abiotics"))
+    let (Some(terrain_key), Some(abiotics_key)) = (terrain_key(&manifest), of_stage("abiotics"))
     else {
         return usage(format!(
             "{}: holds no terrain and abiotic maps; make them with wildwood import",
@@ -246,16 +246,24 @@ fn start_file(folder: &Path, manifest: &Manifest) -> Option<&'static str> {
     is_there.then_some(name)
 }
 
+/// What tells a terrain from others: its stage's key, which made-up scenes leave empty, and its file.
+fn terrain_key(manifest: &Manifest) -> Option<String> {
+    let entry = manifest.stages.get("terrain")?;
+    Some(format!("{} {:?}", entry.key, entry.files.get("terrain.tif")))
+}
+
 /// A copy of a scene in another folder, or the one that is there, if it is of the same ground.
 fn copied(from: &Path, to: &Path, manifest: &Manifest) -> Result<Manifest, Error> {
     let key_of = |manifest: &Manifest, stage: &str| {
         manifest.stages.get(stage).map(|entry| entry.key.clone())
     };
     if let Some(there) = Manifest::read(to)? {
-        let is_same = ["terrain", "abiotics", grow::STAGE]
+        let is_same = ["abiotics", grow::STAGE]
             .iter()
             .all(|stage| key_of(&there, stage) == key_of(manifest, stage));
-        if is_same {
+        let is_same_ground = terrain_key(&there) == terrain_key(manifest)
+            && there.scene.biome == manifest.scene.biome;
+        if is_same && is_same_ground {
             return Ok(there);
         }
         let what = format!(

@@ -10,7 +10,7 @@ import pyarrow.parquet
 import pyproj
 import pytest
 
-from conftest import TARGET
+from conftest import TARGET, WILDWOOD, hills, run_import, scene_head, write_tiff
 
 SYSTEMS = ["EPSG:32611", "EPSG:2154", "local"]
 SNAGS = {
@@ -162,3 +162,104 @@ def test_histories_keep_their_time_and_name_causes(tables):
     assert died.sum() == 125 and (history["event"] == "snag-fell").sum() == 63
     assert set(history["cause"][died]) == {"age", "competition", "drought", "disease", "fire", "storm"}
     assert (history["cause"][history["event"] == "sprouted"] == "").all()
+
+
+SIDE = 40  # cells of 2 m
+YEARS = 90
+EVENTS = """
+[[event]]
+type = "wind-storm"
+year = 60
+speed_m_s = 32
+[[event]]
+type = "wildfire"
+year = 75
+wind_m_s = 5
+[[event]]
+type = "wind-storm"
+year = 89
+speed_m_s = 28
+"""
+
+
+@pytest.fixture(scope="module")
+def aged(tmp_path_factory):
+    """A scene of bare ground that was aged, storms and a fire included."""
+    if subprocess.run([WILDWOOD, "age", "--help"], capture_output=True).returncode != 0:
+        pytest.skip("this wildwood has no command `age`")
+    home = tmp_path_factory.mktemp("aged")
+    ground = write_tiff(home / "dem.tif", 850 + hills(SIDE, SIDE, 2.0, 5.0), crs="EPSG:2154")
+    folder = run_import(ground, home / "wood", "--biome", "pyrenees")
+    (home / "events.toml").write_text(EVENTS, encoding="utf-8")
+    command = [WILDWOOD, "age", folder, "--years", YEARS, "--events", home / "events.toml", "--quiet"]
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_deadwood_of_an_aged_scene_lies_inside_and_has_parents(aged):
+    snags = assert_places(aged / "snags.parquet", SNAGS, "Point")
+    logs = assert_places(aged / "downed_logs.parquet", DOWNED_LOGS, "LineString")
+    plants = geopandas.read_parquet(aged / "plants.parquet")
+    assert len(snags) > 20 and len(logs) > 20 and len(plants) > 100
+    (west, south), (width, height) = scene_head(aged)["south_west_m"], scene_head(aged)["extent_m"]
+    thick_ends = np.array([line.coords[0] for line in logs.geometry])
+    is_stem = (logs["kind"] != "branch").to_numpy()
+    for places, rim in [
+        (np.column_stack([snags.geometry.x, snags.geometry.y]), 1e-3),
+        (np.column_stack([plants.geometry.x, plants.geometry.y]), 1e-3),
+        (thick_ends[is_stem], 1e-3),
+        (thick_ends, 10.0),  # branches of crowns at the rim fall beyond it
+    ]:
+        inside = places - [west, south]
+        assert inside.min() >= -rim and (inside <= np.array([width, height]) + rim).all()
+
+    # whoever is dead died, when and of what its snag says
+    history = pandas.read_parquet(aged / "history.parquet")
+    died = history[history["event"] == "died"].set_index("plant_id")
+    assert died.index.is_unique and set(snags["id"]) <= set(died.index)
+    of_snags = died.loc[snags["id"]]
+    assert (of_snags["cause"].to_numpy() == snags["cause"].to_numpy()).all()
+    assert (YEARS - of_snags["year"].to_numpy() == snags["years_dead"].to_numpy()).all()
+    assert set(logs["parent_id"]) <= set(died.index) | set(plants["id"])
+    assert not set(plants["id"]) & set(died.index)
+    species = pandas.concat([snags, plants]).set_index("id")["species"]
+    known = logs[logs["parent_id"].isin(species.index)]
+    assert (species.loc[known["parent_id"]].to_numpy() == known["species"].to_numpy()).all()
+
+    # stems fell from where they stood
+    stood = snags.set_index("id").geometry
+    of_snag = is_stem & logs["parent_id"].isin(stood.index).to_numpy()
+    points = stood.loc[logs["parent_id"][of_snag]]
+    assert of_snag.any() and np.allclose(thick_ends[of_snag], np.column_stack([points.x, points.y]))
+    uprooted = logs["kind"] == "uprooted"
+    assert (logs["cause"][uprooted] == "storm").all()
+    assert not set(logs["parent_id"][uprooted]) & set(snags["id"])
+
+
+def test_the_history_of_an_aged_scene_runs_forward(aged):
+    history = pandas.read_parquet(aged / "history.parquet")
+    months = 12 * history["year"] + history["month"]
+    assert months.groupby(history["plant_id"]).apply(lambda m: m.is_monotonic_increasing).all()
+    assert (history.groupby("plant_id")["event"].first() == "sprouted").all()
+    is_dead = (history["event"] == "died").groupby(history["plant_id"]).cumsum() > 0
+    assert set(history["event"][is_dead]) <= {"died", "snag-snapped", "snag-fell"}
+
+
+def test_the_timeline_of_an_aged_scene_counts_its_tables(aged):
+    timeline = pandas.read_parquet(aged / "timeline.parquet")
+    assert [*timeline["year"].unique()] == [*range(YEARS + 1)]
+    last = timeline[timeline["year"] == YEARS].set_index("species")
+    for column, name in [("live", "plants"), ("snags", "snags"), ("downed_logs", "downed_logs")]:
+        rows = geopandas.read_parquet(aged / f"{name}.parquet")["species"].value_counts()
+        assert (rows.reindex(last.index, fill_value=0) == last[column]).all(), name
+    # all that sprouted lives or died
+    by_species = timeline.groupby("species")
+    deaths = by_species[[c for c in timeline.columns if c.startswith("deaths_")]].sum().sum(axis=1)
+    assert (by_species["sprouted"].sum() - deaths == last["live"].loc[deaths.index]).all()
+    # basal areas are those of the stems, 7.5 cm and more
+    plants = geopandas.read_parquet(aged / "plants.parquet")
+    thick = plants[plants["dbh_m"] >= 0.075]
+    hectares = np.prod(scene_head(aged)["extent_m"]) / 1e4
+    area = (np.pi / 4 * thick["dbh_m"].astype("float64") ** 2).groupby(thick["species"]).sum() / hectares
+    assert np.allclose(area.reindex(last.index, fill_value=0), last["live_m2_ha"], rtol=1e-4)

@@ -32,7 +32,7 @@ impl StandingTrunks {
     }
 
     /// Number of trunks, but its own, that a stem would lie across.
-    fn crossed(
+    pub(in crate::simulation) fn crossed(
         &self,
         own: u64,
         [east_m, south_m]: [f32; 2],

@@ -304,7 +304,7 @@ mod tests {
                 (Disturbance::WindStorm(a), Disturbance::WindStorm(b)) => {
                     assert!((a.wind_east_m_s - b.wind_east_m_s).abs() < 2e-5);
                     assert!((a.wind_north_m_s - b.wind_north_m_s).abs() < 2e-5);
-                    *b = a.clone();
+                    *b = *a;
                 }
                 _ => {}
             }

@@ -223,7 +223,7 @@ rain_fraction = [0.1, 0.4]
                 contagious_months: 12,
                 recovery_months: u16::MAX,
                 immune_months: 24,
-                first_infected_fraction: 0.1,
+                first_infected_fraction: 0.3,
             })
         );
         let Disturbance::Wildfire(fire) = &events[1].what else { panic!("{events:?}") };

@@ -142,6 +142,29 @@ impl Forest {
         });
     }
 
+    /// Puts the year's events in the order of time, without diseases of trees that a storm had taken before.
+    pub(super) fn order_history(&mut self, first_of_year: usize, dead: &[DeadPlant], toll: &Toll) {
+        let struck_in = |plant: &DeadPlant| match toll.struck[plant.index as usize] {
+            Struck::No => None,
+            Struck::Uprooted { month, .. } | Struck::Snapped { month, .. } => {
+                Some((plant.id, month))
+            }
+        };
+        let mut struck: Vec<(u64, u8)> = dead.iter().filter_map(struck_in).collect();
+        struck.sort_unstable();
+        let mut of_year = self.history.split_off(first_of_year);
+        of_year.retain(|event| {
+            let is_of_disease =
+                matches!(event.kind, LifeEventKind::Infected | LifeEventKind::Recovered);
+            match struck.binary_search_by_key(&event.plant_id, |(id, _)| *id) {
+                Ok(found) if is_of_disease => event.month <= struck[found].1,
+                _ => true,
+            }
+        });
+        of_year.sort_by_key(|event| event.month); // stable: of a month as they came
+        self.history.append(&mut of_year);
+    }
+
     /// Branches that living trees give up in the shade of others.
     pub(super) fn prune(&mut self, _trunks: &StandingTrunks) {
         let (seed, year) = (self.seed, self.community.year());

@@ -3,7 +3,7 @@
 //! # Reference
 //! Peytavie et al. 2024, section 5.3.1, Eqs. 12–13.
 
-use super::deaths::Toll;
+use super::deaths::{Struck, Toll};
 use super::run::Forest;
 use crate::plants::deadwood::{Cause, LifeEvent, LifeEventKind};
 use crate::simulation::carbon_pool;
@@ -75,7 +75,7 @@ impl Forest {
         let community = &mut self.community;
         for plant in 0..community.len() {
             let severity = damage(community.east_m[plant], community.south_m[plant]);
-            if severity <= 0.0 {
+            if severity <= 0.0 || toll.struck[plant] != Struck::No {
                 continue;
             }
             let bark = 1.0 - 0.5 * (community.dbh_m[plant] / THICK_DBH_M).min(1.0);

@@ -16,6 +16,8 @@ mod run;
 mod state;
 mod storms;
 mod tally;
+#[cfg(test)]
+mod tests;
 
 pub use run::{Forest, Site};
 pub use state::State;

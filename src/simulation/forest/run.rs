@@ -119,7 +119,7 @@ impl Forest {
         self.community.begin_year();
         let year = self.community.year();
         assert!(events.iter().all(|event| event.year == year), "an event of another year");
-        let plants = self.community.len();
+        let (plants, first_of_year) = (self.community.len(), self.history.len());
         let mut toll = Toll::new(plants);
 
         // diseases first: what they take of reserves depends on no month's growth
@@ -168,6 +168,7 @@ impl Forest {
             &mut self.history,
         );
         self.bury(&dead, &toll, &trunks, &mut figures);
+        self.order_history(first_of_year, &dead, &toll);
         self.prune(&trunks);
         self.tally.died += dead.len() as u64;
         let before = self.community.len();
