@@ -8,7 +8,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use tempfile::TempDir;
-use wildwood::pipeline::age::{self, AgeRequest};
+use wildwood::pipeline::age::{self, AgeRequest, Script};
 use wildwood::pipeline::demo;
 use wildwood::progress::Reporter;
 use wildwood::scene::Manifest;
@@ -99,7 +99,7 @@ impl Wood {
     }
 
     fn request(&self, years: u16) -> AgeRequest {
-        AgeRequest { events: Some(self.events()), ..AgeRequest::new(self.folder(), years) }
+        AgeRequest { events: Script::File(self.events()), ..AgeRequest::new(self.folder(), years) }
     }
 
     fn age(&self, years: u16) {

@@ -7,7 +7,7 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::{Outcome, terminal};
+use super::{Outcome, bench_forest, terminal};
 use crate::canopy::learned::coarse::CoarseCells;
 use crate::canopy::learned::generator::{self, CoarseGround, Generators};
 use crate::canopy::learned::sketch::Density;
@@ -21,6 +21,7 @@ use crate::pipeline::{Error, import};
 use crate::plants::Plants;
 use crate::progress::{Reporter, peak_memory_mib, reset_peak_memory};
 use crate::raster::{Grid, MONTHS};
+use crate::simulation::forest::Forest;
 use crate::simulation::{CellWindow, Community, Parameters, Plot};
 use crate::species::Biome;
 use crate::terrain::Terrain;
@@ -37,7 +38,7 @@ pub struct BenchArguments {
     /// Times each workload is run; the line gives the fastest and the median.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=100))]
     repeat: u16,
-    /// Terrain tile for `import-dem` instead of a generated one.
+    /// Terrain tile for `import-dem` and the forests of `age-*` instead of a generated one.
     #[arg(long)]
     dem: Option<PathBuf>,
     /// Point cloud for `import-laz` instead of a generated one.
@@ -76,6 +77,18 @@ enum Workload {
     /// A year of undergrowth, 256 × 256 m in cells of 20 cm under a closed canopy, once it is dense.
     #[value(name = "simulation-256")]
     Simulation256,
+    /// A year of a whole forest on 512 × 512 m in cells of 50 cm, young and dense (Peytavie 2024, Table 4); --dem takes Gresolet.
+    #[value(name = "age-512-young")]
+    Age512Young,
+    /// The same after three centuries.
+    #[value(name = "age-512")]
+    Age512,
+    /// Four of them beside each other, about 1 km².
+    #[value(name = "age-1km")]
+    Age1Km,
+    /// Sixteen of them, about 4 km².
+    #[value(name = "age-2km")]
+    Age2Km,
     /// Undergrowth of 1 km² at 1 m under a generated canopy (Kapp 2020, Table 1: 499,000 plants).
     #[value(name = "undergrowth-1km")]
     Undergrowth1Km,
@@ -109,6 +122,7 @@ pub fn run(arguments: &BenchArguments, reporter: &Reporter) -> Outcome {
             Prepared::Canopy(canopy) => canopy_trees(canopy, reporter)?,
             Prepared::Ground(ground) => learned(ground, arguments.onnx, reporter)?,
             Prepared::Community(community) => simulated_year(community),
+            Prepared::Forest(forest) => bench_forest::year(forest),
             Prepared::Undergrowth(canopy, refines) => undergrowth(canopy, *refines, reporter)?,
             Prepared::File(input) => whole_import(input, folder.path(), reporter)?,
         });
@@ -132,6 +146,7 @@ enum Prepared {
     Canopy(Box<PreparedCanopy>),
     Ground(Terrain),
     Community(Box<Community>),
+    Forest(Box<Forest>),
     /// A canopy, and whether what grows beneath it is refined.
     Undergrowth(Box<GrownGround>, bool),
     File(PathBuf),
@@ -322,6 +337,10 @@ fn prepare(
         let params = GenerateParams { rows: size, cols: size, cell_m, ..GenerateParams::default() };
         landscape::generate(&params, &reporter.silenced())
     };
+    let forest = |is_young: bool, side: usize| {
+        let prepared = bench_forest::prepare(arguments.dem.as_ref(), is_young, side, reporter);
+        Ok::<_, Error>(Prepared::Forest(prepared?.into()))
+    };
     Ok(match workload {
         Workload::Abiotics512 => Prepared::Terrain(generated(512, 2.0)?),
         Workload::Abiotics1024 => Prepared::Terrain(generated(1024, 2.0)?),
@@ -339,6 +358,10 @@ fn prepare(
         Workload::Learned1Km => Prepared::Ground(generated(250, 4.0)?),
         Workload::Learned10Km => Prepared::Ground(generated(2500, 4.0)?),
         Workload::Simulation256 => Prepared::Community(dense_undergrowth(reporter)?.into()),
+        Workload::Age512Young => forest(true, 1)?,
+        Workload::Age512 => forest(false, 1)?,
+        Workload::Age1Km => forest(false, 2)?,
+        Workload::Age2Km => forest(false, 4)?,
         Workload::Undergrowth1Km => {
             Prepared::Undergrowth(GrownGround::new(1000, reporter)?.into(), false)
         }

@@ -4,6 +4,7 @@
 
 mod age;
 mod bench;
+mod bench_forest;
 mod demo;
 mod doctor;
 mod grow;

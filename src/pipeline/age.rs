@@ -136,8 +136,8 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
     let seed = manifest.scene.seed;
 
     // what the forest depends on
-    let start = (!request.is_bare).then(|| start_file(&folder, &manifest)).flatten();
-    let start_hash = match &start {
+    let kept = start_file(&folder, &manifest);
+    let start_hash = match kept.filter(|_| !request.is_bare) {
         Some(name) => {
             scene::hash_file(&folder.join(name))
                 .map_err(|source| scene::Error::Read { path: folder.join(name), source })?
@@ -169,12 +169,16 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
     // live
     let ground = Ground::read(&folder, &manifest, biome, reporter)?;
     let frame = Arc::clone(ground.terrain.elevation_m.frame());
-    let plants = match &start {
+    // plants of the scene stay on file, whatever the forest begins with
+    let plants = match kept {
         Some(name) => read_plants_of(&folder.join(name), &ground.biome, &frame)?,
         None => Plants::default(),
     };
+    let nobody = Plants::default();
+    let begins_with = if request.is_bare { &nobody } else { &plants };
     let forest = ground.bare_forest(parameters, decay, seed)?;
-    let (mut forest, mut growth) = resume(&folder, &key, request.years, forest, &plants, &frame);
+    let (mut forest, mut growth) =
+        resume(&folder, &key, request.years, forest, begins_with, &frame);
     let events = schedule::drawn(&schedule, request.years, seed);
     let stage = reporter.stage("age", u64::from(request.years));
     stage.advance(u64::from(forest.year()));

@@ -50,6 +50,13 @@ impl ForestGround {
         }
     }
 
+    /// Memory that it takes.
+    pub fn bytes(&self) -> usize {
+        let measures = [&self.elevation_m, &self.slope_rad, &self.downhill_rad, &self.viability];
+        measures.iter().map(|values| size_of_val(&values[..])).sum::<usize>()
+            + size_of_val(&self.usual_moisture_mm[..])
+    }
+
     /// Follows soil water that has changed.
     pub fn set_moisture(&mut self, plot: &Plot, decay: &DecayParameters) {
         let viabilities = plot.ground().iter().map(|ground| viability(ground, decay));

@@ -146,8 +146,9 @@ impl Forest {
             downed_logs.parent_id.push(downed_log.parent_id);
             downed_logs.species.push(downed_log.species);
             downed_logs.kind.push(downed_log.kind);
-            downed_logs.east_m.push(downed_log.east_m);
-            downed_logs.north_m.push(place.height_m - downed_log.south_m);
+            // branches of trees at the rim may begin beyond it
+            downed_logs.east_m.push(place.east_m(downed_log.east_m));
+            downed_logs.north_m.push(place.north_m(downed_log.south_m));
             downed_logs.z_m.push(place.z_m(middle_east_m, middle_south_m));
             downed_logs.length_m.push(downed_log.length_m);
             downed_logs.diameter_base_m.push(downed_log.diameter_base_m);

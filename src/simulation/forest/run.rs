@@ -232,6 +232,11 @@ impl Forest {
         self.rain_fraction = rain_fraction;
     }
 
+    /// Memory that simulation cells take: the plot, and what lies and stands on it cell by cell.
+    pub fn cell_bytes(&self) -> usize {
+        self.community.plot().bytes() + self.downed_log_cells.len() + self.ground.bytes()
+    }
+
     /// Years simulated.
     pub fn year(&self) -> u16 {
         self.community.year()
