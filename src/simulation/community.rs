@@ -189,6 +189,9 @@ struct GrownSize {
     crowding_fraction: f32,
 }
 
+/// Runs of plants that are sorted into tiles side by side. chosen: enough for the cores of a desk, few lists for many tiles.
+const TILE_RUNS: usize = 16;
+
 /// A tile's year.
 struct TileYear {
     /// Plants whose crowns lie wholly in it.
@@ -275,11 +278,6 @@ impl Community {
     /// What each species asks for.
     pub(super) fn traits(&self, species: u16) -> &Traits {
         &self.traits[usize::from(species)]
-    }
-
-    /// What each species asks for, in the biome's order.
-    pub(super) fn all_traits(&self) -> &[Traits] {
-        &self.traits
     }
 
     /// All that it is but its plot.
@@ -470,11 +468,30 @@ impl Community {
         });
     }
 
-    /// Plants that reach into each tile.
+    /// Plants that reach into each tile, in their order.
     fn by_tile(&self, tile_count: usize) -> Vec<Vec<u32>> {
+        // runs of plants side by side, put one behind the other for each tile
+        let run = self.len().div_ceil(TILE_RUNS).max(1);
+        let runs: Vec<Vec<Vec<u32>>> = (0..TILE_RUNS)
+            .into_par_iter()
+            .map(|index| {
+                let plants = index * run..((index + 1) * run).min(self.len());
+                self.run_by_tile(plants, tile_count)
+            })
+            .collect();
+        (0..tile_count)
+            .into_par_iter()
+            .map(|tile| {
+                let parts = runs.iter().map(|run| run[tile].as_slice());
+                parts.collect::<Vec<_>>().concat()
+            })
+            .collect()
+    }
+
+    fn run_by_tile(&self, plants: Range<usize>, tile_count: usize) -> Vec<Vec<u32>> {
         let tile_cols = self.plot.cols.div_ceil(TILE_CELLS);
         let mut tiles: Vec<Vec<u32>> = vec![Vec::new(); tile_count];
-        for plant in 0..self.len() {
+        for plant in plants {
             let index = plant as u32; // far fewer than 2³²
             if self.disk(plant).is_of_one_cell(self.plot.cell_m) {
                 let [row, col] = self.plot.cell_at(self.east_m[plant], self.south_m[plant]);

@@ -9,7 +9,6 @@ use crate::math;
 use crate::plants::deadwood::{Cause, DownedLogKind, LifeEvent, LifeEventKind};
 use crate::rng::{self, Key, Process};
 use crate::simulation::community::DeadPlant;
-use crate::simulation::traits::Traits;
 use crate::species::{Form, Species};
 
 /// Least stem of a snag. chosen: thinner stems are litter within a few years; inventories of saplings begin at 2.5 cm.
@@ -177,11 +176,11 @@ impl Stock {
     ///
     /// # Reference
     /// Peytavie et al. 2024, section 5.2.
-    pub(in crate::simulation) fn decay(
+    pub fn decay(
         &mut self,
         parameters: &DecayParameters,
-        ground: &dyn Ground,
-        traits: &[Traits],
+        ground: &(dyn Ground + Sync),
+        species: &[Species],
         trunks: &StandingTrunks,
         [seed, year]: [u64; 2],
         history: &mut Vec<LifeEvent>,
@@ -194,7 +193,7 @@ impl Stock {
         let mut snags = std::mem::take(&mut self.snags);
         for snag in &mut snags {
             let at = [snag.east_m, snag.south_m];
-            let species = traits[usize::from(snag.species)].species();
+            let species = &species[usize::from(snag.species)];
             let source = Source { id: snag.id, index: snag.species, species, at };
             let key = Key { seed, process: Process::SnagDecay, year, month: 0, entity: snag.id };
             let [snap, stump, lean, roots] = rng::uniforms(key);

@@ -1,5 +1,7 @@
 //! What becomes of plants that die: snags, downed logs, litter; and of branches that living trees give up.
 
+use rayon::prelude::*;
+
 use super::run::Forest;
 use super::tally::YearTally;
 use crate::plants::deadwood::{Cause, DownedLogKind, LifeEvent, LifeEventKind};
@@ -166,31 +168,35 @@ impl Forest {
     }
 
     /// Branches that living trees give up in the shade of others.
-    pub(super) fn prune(&mut self, _trunks: &StandingTrunks) {
+    pub(super) fn prune(&mut self) {
         let (seed, year) = (self.seed, self.community.year());
         let community = &self.community;
-        for plant in 0..community.len() {
-            let dbh_m = community.dbh_m[plant];
-            if dbh_m < 3.0 * LEAST_DIAMETER_M {
-                continue; // no branch of it is thick enough
+        let branches_of = |plant: usize| {
+            let species = community.traits(community.species[plant]).species();
+            Branches::of(species, community.dbh_m[plant], community.crown_radius_m[plant])
+        };
+        let gives_up = |plant: &usize| {
+            if community.dbh_m[*plant] < LEAST_PRUNED_DBH_M {
+                return false;
             }
+            let branches = branches_of(*plant);
+            let entity = community.id[*plant];
+            let key = Key { seed, process: Process::FallingBranch, year, month: YEARS_END, entity };
+            let crowding = community.crowding_fraction[*plant];
+            let chance = PRUNED_FRACTION_PER_YEAR * branches.count * crowding;
+            branches.diameter_m >= LEAST_DIAMETER_M && rng::uniforms(key)[0] < chance
+        };
+        let pruned: Vec<usize> = (0..community.len()).into_par_iter().filter(gives_up).collect();
+        for plant in pruned {
             let index = community.species[plant];
             let species = community.traits(index).species();
-            let branches = Branches::of(species, dbh_m, community.crown_radius_m[plant]);
-            if branches.diameter_m < LEAST_DIAMETER_M {
-                continue;
-            }
-            let id = community.id[plant];
-            let key =
-                Key { seed, process: Process::FallingBranch, year, month: YEARS_END, entity: id };
-            let chance =
-                PRUNED_FRACTION_PER_YEAR * branches.count * community.crowding_fraction[plant];
-            if rng::uniforms(key)[0] < chance {
-                let at = [community.east_m[plant], community.south_m[plant]];
-                let source = Source { id, index, species, at };
-                let when = [f32::from(year), 0.0];
-                self.stock.lay_branches(&source, &branches, 1, when, Cause::SelfPruning, seed);
-            }
+            let at = [community.east_m[plant], community.south_m[plant]];
+            let source = Source { id: community.id[plant], index, species, at };
+            let (branches, when) = (branches_of(plant), [f32::from(year), 0.0]);
+            self.stock.lay_branches(&source, &branches, 1, when, Cause::SelfPruning, seed);
         }
     }
 }
+
+/// Least stem with branches as thick as downed logs: half of its cross section on ten branches.
+const LEAST_PRUNED_DBH_M: f32 = 3.0 * LEAST_DIAMETER_M;

@@ -158,18 +158,15 @@ impl Forest {
         let mut figures = YearTally::new(self.biome.species.len());
         let trunks = self.standing_trunks();
         let struck: Vec<bool> = toll.struck.iter().map(|struck| *struck != Struck::No).collect();
-        let dead = self.community.die(&season.lowest_pool, &struck);
-        self.stock.decay(
-            &self.decay,
-            &self.ground,
-            self.community.all_traits(),
-            &trunks,
-            [self.seed, u64::from(year)],
-            &mut self.history,
+        let Self { community, stock, ground, history, .. } = self;
+        let (biome, decay, seed) = (&self.biome, &self.decay, [self.seed, u64::from(year)]);
+        let (dead, ()) = rayon::join(
+            || community.die(&season.lowest_pool, &struck),
+            || stock.decay(decay, ground, &biome.species, &trunks, seed, history),
         );
         self.bury(&dead, &toll, &trunks, &mut figures);
         self.order_history(first_of_year, &dead, &toll);
-        self.prune(&trunks);
+        self.prune();
         self.tally.died += dead.len() as u64;
         let before = self.community.len();
         self.tally.sprouted += self.community.sprout(season) as u64;
@@ -188,21 +185,18 @@ impl Forest {
 
     /// Counts the forest, and tells seeds where decaying logs lie.
     fn take_stock(&mut self, figures: &YearTally) {
-        self.timeline.extend(tally::rows(&self.community, &self.stock, &self.biome, figures));
-        self.mark_downed_logs();
+        let (community, stock, biome) = (&self.community, &self.stock, &self.biome);
+        let marks = &mut self.downed_log_cells;
+        let (rows, ()) = rayon::join(
+            || tally::rows(community, stock, biome, figures),
+            || mark_downed_logs(community.plot(), stock, marks),
+        );
+        self.timeline.extend(rows);
     }
 
+    /// Tells seeds where decaying logs lie.
     pub(super) fn mark_downed_logs(&mut self) {
-        let plot = self.community.plot();
-        let (rows, cols, cell_m) = (plot.rows, plot.cols, plot.cell_m);
-        self.downed_log_cells.clear();
-        self.downed_log_cells.resize(rows * cols, false);
-        // bark is off and wood soft from class 3 on
-        for downed_log in self.stock.downed_logs.iter().filter(|log| log.decay_class() >= 3) {
-            downed_log.cells([rows, cols], cell_m, |row, col| {
-                self.downed_log_cells[row * cols + col] = true;
-            });
-        }
+        mark_downed_logs(self.community.plot(), &self.stock, &mut self.downed_log_cells);
     }
 
     /// Live trees and snags that others fall beside.
@@ -274,5 +268,16 @@ impl Forest {
 
     pub(super) fn traits(&self, species: u16) -> &Traits {
         self.community.traits(species)
+    }
+}
+
+/// Marks the cells of a plot that decaying logs lie on.
+fn mark_downed_logs(plot: &Plot, stock: &Stock, marks: &mut Vec<bool>) {
+    let (rows, cols, cell_m) = (plot.rows, plot.cols, plot.cell_m);
+    marks.clear();
+    marks.resize(rows * cols, false);
+    // bark is off and wood soft from class 3 on
+    for downed_log in stock.downed_logs.iter().filter(|log| log.decay_class() >= 3) {
+        downed_log.cells([rows, cols], cell_m, |row, col| marks[row * cols + col] = true);
     }
 }
