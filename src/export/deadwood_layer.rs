@@ -26,6 +26,9 @@ const SNAG_ALPHA: f32 = 0.85;
 const SNAG_PX: f32 = 1.5;
 const SNAG_DBH_M: f32 = 0.5;
 const LEAST_SNAG_PX: f32 = 0.7;
+/// Least snags that are shown: dead saplings are many, and stumps low. chosen: the least stem of an inventory, a tall man's reach.
+const LEAST_SHOWN_DBH_M: f32 = 0.1;
+const LEAST_SHOWN_M: f32 = 2.5;
 /// Rim of a snag's dot.
 const RIM_PX: f32 = 0.8;
 /// What crowns over it leave of a log's line. chosen: logs shine through, gaps are where they stand out.
@@ -79,7 +82,9 @@ impl DeadwoodLayer {
         for i in lowest_first(downed_logs, 0..downed_logs.len()) {
             layer.log(downed_logs, i, place, px_per_m, crowns);
         }
-        let mut standing: Vec<usize> = (0..snags.len()).collect();
+        let is_shown =
+            |i: &usize| snags.dbh_m[*i] >= LEAST_SHOWN_DBH_M && snags.height_m[*i] >= LEAST_SHOWN_M;
+        let mut standing: Vec<usize> = (0..snags.len()).filter(is_shown).collect();
         standing.sort_by_key(|&i| snags.id[i]);
         for i in standing {
             layer.snag(snags, i, place([snags.east_m[i], snags.north_m[i]]));

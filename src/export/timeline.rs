@@ -135,7 +135,7 @@ impl Years {
             for (stage, area_m2_ha) in stages.iter_mut().zip(areas_m2_ha) {
                 stage[year] += area_m2_ha;
             }
-            for (sum, count) in deaths[year].iter_mut().zip(row.deaths) {
+            for (sum, count) in deaths[year].iter_mut().zip(row.tree_deaths) {
                 *sum += f64::from(count);
             }
         }
@@ -279,7 +279,7 @@ pub fn timeline(rows: &[TimelineRow], biome: &Biome, events: &[TimelineMark]) ->
     let titles = [
         ("Basal area by species", "m²/ha, live stems of 7.5 cm and more"),
         ("Basal area by life stage", "m²/ha"),
-        ("Deaths", "plants a year, by cause"),
+        ("Deaths", "trees of 7.5 cm and more a year, by cause"),
     ];
     let mut titled = [0.0; 3];
     for ((chart, (title, unit)), right) in charts.iter().zip(titles).zip(&mut titled) {
@@ -512,7 +512,7 @@ mod tests {
             row(0, 9, [0.1, 0.0, 0.0]),
             row(5, 14, [22.0, 2.0, 1.0]),
         ];
-        rows[3].deaths = [1, 2, 0, 0, 0, 4, 0, 0];
+        rows[3].tree_deaths = [1, 2, 0, 0, 0, 4, 0, 0];
         let years = Years::of(&rows, &sonoma());
         assert_eq!(years.years, [0, 5]);
         assert_eq!(years.species.len(), 2, "0.1 of 30.1 is below 0.5 %");
@@ -539,7 +539,7 @@ mod tests {
     #[test]
     fn deaths_stand_in_proportion() {
         let mut rows: Vec<_> = (0..=20).map(|y| row(y, 14, [1.0; 3])).collect();
-        rows[10].deaths = [0, 0, 0, 0, 300, 100, 0, 0];
+        rows[10].tree_deaths = [0, 0, 0, 0, 300, 100, 0, 0];
         let picture = timeline(&rows, &sonoma(), &[]);
         // the swatches of the legend alike
         let swatch = 14 * 14;

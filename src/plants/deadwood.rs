@@ -318,6 +318,8 @@ pub struct TimelineRow {
     pub downed_log_m2_ha: f32,
     /// Deaths of the year by cause, in the order of [`Cause::ALL`].
     pub deaths: [u32; 8],
+    /// Of them, those with a stem of 7.5 cm and more.
+    pub tree_deaths: [u32; 8],
 }
 
 /// The year of a plant whose growth is recorded.

@@ -28,7 +28,7 @@ pub const HISTORY_COLUMNS: [Column; 6] = [
 const BASAL_AREA: Kind = Kind::Real { decimals: 4 };
 
 /// The columns of a timeline, likewise.
-pub const TIMELINE_COLUMNS: [Column; 16] = [
+pub const TIMELINE_COLUMNS: [Column; 22] = [
     Column { name: "year", kind: Kind::Integer },
     Column { name: "species", kind: Kind::Word },
     Column { name: "live", kind: Kind::Integer },
@@ -45,6 +45,12 @@ pub const TIMELINE_COLUMNS: [Column; 16] = [
     Column { name: "deaths_disease", kind: Kind::Integer },
     Column { name: "deaths_fire", kind: Kind::Integer },
     Column { name: "deaths_storm", kind: Kind::Integer },
+    Column { name: "tree_deaths_age", kind: Kind::Integer },
+    Column { name: "tree_deaths_competition", kind: Kind::Integer },
+    Column { name: "tree_deaths_drought", kind: Kind::Integer },
+    Column { name: "tree_deaths_disease", kind: Kind::Integer },
+    Column { name: "tree_deaths_fire", kind: Kind::Integer },
+    Column { name: "tree_deaths_storm", kind: Kind::Integer },
 ];
 
 /// The first of the timeline's columns that count deaths, one a cause in the order of [`Cause::ALL`].
@@ -198,7 +204,10 @@ impl Table for TimelineTable<'_> {
             "live_m2_ha" => self.reals(rows, |row| row.live_m2_ha),
             "snag_m2_ha" => self.reals(rows, |row| row.snag_m2_ha),
             "downed_log_m2_ha" => self.reals(rows, |row| row.downed_log_m2_ha),
-            _ => self.integers(rows, |row| row.deaths[column - FIRST_DEATHS]),
+            _ => self.integers(rows, |row| match column - FIRST_DEATHS {
+                cause @ 0..CAUSES_OF_DEATH => row.deaths[cause],
+                cause => row.tree_deaths[cause - CAUSES_OF_DEATH],
+            }),
         }
     }
 }
@@ -371,8 +380,10 @@ mod tests {
         for (index, cause) in Cause::ALL[..CAUSES_OF_DEATH].iter().enumerate() {
             let column = TIMELINE_COLUMNS[FIRST_DEATHS + index];
             assert_eq!(column.name, format!("deaths_{}", cause.name()));
+            let column = TIMELINE_COLUMNS[FIRST_DEATHS + CAUSES_OF_DEATH + index];
+            assert_eq!(column.name, format!("tree_deaths_{}", cause.name()));
         }
-        assert_eq!(TIMELINE_COLUMNS.len(), FIRST_DEATHS + CAUSES_OF_DEATH);
+        assert_eq!(TIMELINE_COLUMNS.len(), FIRST_DEATHS + 2 * CAUSES_OF_DEATH);
     }
 
     fn timeline() -> Vec<TimelineRow> {
@@ -388,6 +399,7 @@ mod tests {
             snag_m2_ha: 7.0,
             downed_log_m2_ha: 8.0,
             deaths: [9, 10, 11, 12, 13, 14, 0, 0],
+            tree_deaths: [1, 2, 3, 4, 5, 6, 0, 0],
         };
         vec![row(1, 1), row(1, 0), row(0, 1)]
     }
@@ -397,10 +409,11 @@ mod tests {
         let biome = biome();
         let text = text_of(|out| write_timeline(out, &timeline(), &biome, TableFormat::Csv));
         let [first, second] = [0, 1].map(|index| &biome.species[index].key);
-        let rest = "1,2,3,4,5,6.0000,7.0000,8.0000,9,10,11,12,13,14\r\n";
+        let rest = "1,2,3,4,5,6.0000,7.0000,8.0000,9,10,11,12,13,14,1,2,3,4,5,6\r\n";
         let expected = format!(
             "year,species,live,live_trees,snags,downed_logs,sprouted,live_m2_ha,snag_m2_ha,downed_log_m2_ha,\
-             deaths_age,deaths_competition,deaths_drought,deaths_disease,deaths_fire,deaths_storm\r\n\
+             deaths_age,deaths_competition,deaths_drought,deaths_disease,deaths_fire,deaths_storm,\
+             tree_deaths_age,tree_deaths_competition,tree_deaths_drought,tree_deaths_disease,tree_deaths_fire,tree_deaths_storm\r\n\
              0,{second},{rest}1,{first},{rest}1,{second},{rest}"
         );
         assert_eq!(text, expected);

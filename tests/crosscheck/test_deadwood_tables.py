@@ -32,7 +32,11 @@ TIMELINE = {
     "year": "int64", "species": "string", "live": "int64", "live_trees": "int64", "snags": "int64",
     "downed_logs": "int64", "sprouted": "int64", "live_m2_ha": "float", "snag_m2_ha": "float",
     "downed_log_m2_ha": "float",
-    **{f"deaths_{c}": "int64" for c in ("age", "competition", "drought", "disease", "fire", "storm")},
+    **{
+        f"{of}deaths_{c}": "int64"
+        for of in ("", "tree_")
+        for c in ("age", "competition", "drought", "disease", "fire", "storm")
+    },
 }
 GROWTH = {
     "plant_id": "int64", "year": "int64", "height_m": "float", "crown_radius_m": "float",

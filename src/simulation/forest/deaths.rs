@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::run::Forest;
-use super::tally::YearTally;
+use super::tally::{LEAST_DBH_M, YearTally};
 use crate::plants::deadwood::{Cause, DownedLogKind, LifeEvent, LifeEventKind};
 use crate::rng::{self, Key, Process};
 use crate::simulation::community::DeadPlant;
@@ -88,6 +88,9 @@ impl Forest {
         for plant in dead {
             let cause = self.cause(plant, toll);
             figures.deaths[usize::from(plant.species)][cause as usize] += 1;
+            if plant.dbh_m >= LEAST_DBH_M {
+                figures.tree_deaths[usize::from(plant.species)][cause as usize] += 1;
+            }
             let species = self.traits(plant.species).species();
             if !stock.add_snag(plant, species, cause, year) {
                 continue;

@@ -25,11 +25,14 @@ pub struct Tally {
 pub struct YearTally {
     pub sprouted: Vec<u32>,
     pub deaths: Vec<[u32; Cause::ALL.len()]>,
+    /// Of trees alone.
+    pub tree_deaths: Vec<[u32; Cause::ALL.len()]>,
 }
 
 impl YearTally {
     pub fn new(species: usize) -> Self {
-        Self { sprouted: vec![0; species], deaths: vec![[0; Cause::ALL.len()]; species] }
+        let none = vec![[0; Cause::ALL.len()]; species];
+        Self { sprouted: vec![0; species], deaths: none.clone(), tree_deaths: none }
     }
 }
 
@@ -48,6 +51,7 @@ pub fn rows(
             species: species as u16, // biomes have some dozens
             sprouted: year.sprouted[species],
             deaths: year.deaths[species],
+            tree_deaths: year.tree_deaths[species],
             ..TimelineRow::default()
         })
         .collect();
