@@ -95,7 +95,7 @@ impl Snag {
     ///
     /// # Departures
     /// The paper's snags stand until their stem snaps and rots off. Most real ones fall before, as roots rot: each year of
-    /// decay has a chance of it ([`FALL_PROBABILITY_PER_DECAY_YEAR`]), without which two thirds of deadwood stood.
+    /// decay has a chance of it, without which two thirds of deadwood stood.
     pub fn age(&mut self, years: f32, species: &Species, draws: [f32; 3]) -> Fallen {
         let before = self.decay_class();
         self.decayed_years = (self.decayed_years + years).min(self.deathspan_years);
