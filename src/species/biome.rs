@@ -273,7 +273,14 @@ mod tests {
     }
 
     #[test]
-    fn pyrenees_agrees_with_the_papers_table_row_by_row() {
+    fn pyrenees_agrees_with_the_papers_table_row_by_row_but_where_it_is_calibrated() {
+        // key, column, printed, calibrated: the file says why
+        let calibrated = [
+            ("mountain-pine", 16, 18.5, 17.5),
+            ("silver-fir", 14, 3.0, 4.0),
+            ("silver-fir", 16, 9.0, 14.0),
+            ("european-beech", 16, 22.5, 27.0),
+        ];
         let Some(rows) = reference_rows("pyrenees_species.csv") else { return };
         let pyrenees = Biome::builtin("pyrenees").unwrap();
         assert_eq!(rows.len(), pyrenees.species.len());
@@ -301,11 +308,17 @@ mod tests {
                 (20, niche.slope_rad.half_width.to_degrees()),
             ];
             for (column, value) in pairs {
-                assert!(
-                    close(value, number(&row[column])),
-                    "{} column {column}: {value}",
-                    species.key
-                );
+                let printed = number(&row[column]);
+                let is_own =
+                    |own: &&(&str, usize, f32, f32)| own.0 == species.key && own.1 == column;
+                let expected = match calibrated.iter().find(is_own) {
+                    Some((.., from, to)) => {
+                        assert!(close(printed, *from), "{} column {column}", species.key);
+                        *to
+                    }
+                    None => printed,
+                };
+                assert!(close(value, expected), "{} column {column}: {value}", species.key);
             }
         }
     }
