@@ -51,6 +51,8 @@ pub enum Process {
     SnagDecay = 46,
     /// Where a branch falls.
     FallingBranch = 47,
+    /// How strong a tree's roots and wood are.
+    StemStrength = 48,
     /// First centres of clusters.
     Clustering = 50,
     /// Number of undergrowth plants in a cell.

@@ -34,19 +34,26 @@ fn a_scene_has_the_files_it_promises() {
     demo(&folder, &[]);
     let names: Vec<String> = contents(&folder).into_keys().collect();
     let promised = [
+        "age_state.bin",
         "chm.tif",
         "discharge.tif",
+        "downed_logs.parquet",
         "grass.tif",
+        "history.parquet",
         "litterfall.tif",
         "moisture.tif",
         "plants.parquet",
+        "plants_at_start.parquet",
         "preview.png",
         "scene.toml",
         "slope.tif",
+        "snags.parquet",
         "species.tif",
         "sunlight.tif",
         "temperature.tif",
         "terrain.tif",
+        "timeline.parquet",
+        "timeline.png",
     ];
     assert_eq!(names, promised);
     assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1, "nothing else is left");

@@ -66,7 +66,7 @@ pub fn report(folder: &Path, manifest: &Manifest, shared: &Shared) {
     let figures = &stage.figures;
     if shared.json {
         terminal::line(&json!({
-            "event": "aged",
+            "event": "done",
             "folder": folder.display().to_string(),
             "figures": figures,
         }));

@@ -80,7 +80,7 @@ impl DeadwoodLayer {
             [east_m * px_per_m, (height_m - north_m) * (rows as f32 / height_m)]
         };
         for i in lowest_first(downed_logs, 0..downed_logs.len()) {
-            layer.log(downed_logs, i, place, px_per_m, crowns);
+            layer.downed_log(downed_logs, i, place, px_per_m, crowns);
         }
         let is_shown =
             |i: &usize| snags.dbh_m[*i] >= LEAST_SHOWN_DBH_M && snags.height_m[*i] >= LEAST_SHOWN_M;
@@ -98,7 +98,7 @@ impl DeadwoodLayer {
         std::array::from_fn(|c| (light[c] + (1.0 - cover) * below[c] * below[c]).max(0.0).sqrt())
     }
 
-    fn log(
+    fn downed_log(
         &mut self,
         logs: &DownedLogs,
         i: usize,

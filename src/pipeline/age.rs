@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::age_files::{self, Aged};
-use super::checkpoint::Checkpoint;
+use super::checkpoint::{self, Checkpoint};
 use super::scene_files::read_plants_of;
-use super::{Error, close_up, grow, import};
+use super::{Error, close_up, grow, import, undergrowth};
 use crate::abiotics::{self, AbioticMaps};
 use crate::canopy::site::Site as MeanSite;
 use crate::plants::Plants;
 use crate::plants::deadwood::GrowthRecord;
 use crate::progress::{Reporter, Warning};
-use crate::raster::MONTHS;
+use crate::raster::{Frame, MONTHS};
 use crate::scene::{self, Manifest, Transaction};
 use crate::simulation::deadwood::DecayParameters;
 use crate::simulation::disturbance::schedule::{self, Schedule};
@@ -28,9 +28,13 @@ pub const STAGE: &str = "age";
 /// Plants that a scene's forest was aged from.
 pub const START_FILE: &str = "plants_at_start.parquet";
 /// What a longer run goes on from.
-const STATE_FILE: &str = "age_state.bin";
+pub(super) const STATE_FILE: &str = "age_state.bin";
 /// What an interrupted run goes on from; no stage owns it.
 const CHECKPOINT_FILE: &str = "age_checkpoint.bin";
+/// Plants for programs that read text, where a scene has them.
+const CSV_FILE: &str = "plants.csv";
+/// Ids from here on leave no room for seedlings'.
+const MOST_ID: u64 = 1 << 62;
 /// Most years. chosen: oaks of a thousand years, ten times over.
 pub const MOST_YEARS: u16 = 10_000;
 
@@ -132,11 +136,11 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
         }
         None => request.folder.clone(),
     };
-    manifest.scene.seed = request.seed.unwrap_or(manifest.scene.seed);
-    let seed = manifest.scene.seed;
+    // the scene's own seed stays that of what was grown
+    let seed = request.seed.unwrap_or(manifest.scene.seed);
 
     // what the forest depends on
-    let kept = start_file(&folder, &manifest);
+    let kept = start_file(&folder, &manifest)?;
     let start_hash = match kept.filter(|_| !request.is_bare) {
         Some(name) => {
             scene::hash_file(&folder.join(name))
@@ -174,11 +178,16 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
         Some(name) => read_plants_of(&folder.join(name), &ground.biome, &frame)?,
         None => Plants::default(),
     };
+    if let Some(id) = plants.id.iter().find(|id| **id >= MOST_ID) {
+        return usage(format!(
+            "plant {id}: seedlings get ids above all others, and there is no room above 2⁶²; number the plants anew"
+        ));
+    }
     let nobody = Plants::default();
     let begins_with = if request.is_bare { &nobody } else { &plants };
     let forest = ground.bare_forest(parameters, decay, seed)?;
     let (mut forest, mut growth) =
-        resume(&folder, &key, request.years, forest, begins_with, &frame);
+        resume(&folder, &key, request.years, forest, begins_with, &frame, reporter);
     let events = schedule::drawn(&schedule, request.years, seed);
     let stage = reporter.stage("age", u64::from(request.years));
     stage.advance(u64::from(forest.year()));
@@ -189,17 +198,17 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
         let is_due = year.is_multiple_of(request.checkpoint_years) && year < request.years;
         let is_cancelled = reporter.check_cancelled();
         if is_due || is_cancelled.is_err() {
-            let bytes = Checkpoint::of(&key, forest, &growth).to_bytes()?;
+            let bytes = checkpoint::to_bytes(&key, forest, &growth)?;
             scene::write_beside(&folder, CHECKPOINT_FILE, &bytes)?;
         }
-        Ok(is_cancelled?)
+        is_cancelled.map_err(|_| Error::Stopped { year })
     };
     ground.live(&mut forest, &events, request.years, reporter, &mut keep)?;
     drop(stage);
 
     // write
     let mut transaction = Transaction::begin(&folder)?;
-    let state = Checkpoint::of(&key, &forest, &growth).to_bytes()?;
+    let state = checkpoint::to_bytes(&key, &forest, &growth)?;
     let aged = Aged {
         forest: &forest,
         growth: &growth,
@@ -208,20 +217,25 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
         ground: &ground,
         site: MeanSite::of(&ground.maps),
     };
-    let entries = age_files::write(
+    let has_csv = manifest.files().any(|file| file == CSV_FILE);
+    let entry = age_files::write(
         &aged,
         (&folder, import::climate_name(&manifest)),
-        (&stage_key, age_files::parameters(request, &schedule)),
-        (START_FILE, (STATE_FILE, &state)),
+        (&stage_key, age_files::parameters(request, &schedule, seed, &ground.biome)?),
+        &state,
+        has_csv,
         &mut transaction,
         reporter,
     )?;
-    for (stage, entry) in entries {
-        grow::record(&mut manifest, stage, entry);
+    grow::record(&mut manifest, STAGE, entry);
+    if let Script::File(path) = &request.events {
+        let inputs = import::hash_inputs(std::slice::from_ref(path))?;
+        let new = inputs.into_iter().filter(|input| !manifest.inputs.contains(input));
+        let new: Vec<scene::Input> = new.collect();
+        manifest.inputs.extend(new);
     }
     transaction.commit(&manifest)?;
-    // a checkpoint that stays harms nobody
-    let _ = fs::remove_file(folder.join(CHECKPOINT_FILE));
+    discard_checkpoint(&folder);
     close_up::discard(&folder);
     Ok((manifest, folder))
 }
@@ -242,12 +256,28 @@ fn read_schedule(request: &AgeRequest, biome: &Biome) -> Result<Schedule, Error>
         .map_err(|e| Error::Usage { what: format!("{name}: {e}") })
 }
 
+/// Takes the state away that an interrupted run would go on from.
+pub(super) fn discard_checkpoint(folder: &Path) {
+    // one that stays harms nobody
+    let _ = fs::remove_file(folder.join(CHECKPOINT_FILE));
+}
+
 /// The table of plants that a scene's forest is aged from, if it has one.
-fn start_file(folder: &Path, manifest: &Manifest) -> Option<&'static str> {
+fn start_file(folder: &Path, manifest: &Manifest) -> Result<Option<&'static str>, Error> {
     let is_aged = manifest.stages.contains_key(STAGE);
     let name = if is_aged { START_FILE } else { close_up::PLANTS_FILE };
-    let is_there = manifest.files().any(|file| file == name) && folder.join(name).exists();
-    is_there.then_some(name)
+    if !manifest.files().any(|file| file == name) {
+        return Ok(None);
+    }
+    let path = folder.join(name);
+    if !path.exists() {
+        let what = format!(
+            "{}: is gone; put it back, grow the forest again, or begin from --bare ground",
+            path.display()
+        );
+        return Err(Error::Usage { what });
+    }
+    Ok(Some(name))
 }
 
 /// What tells a terrain from others: its stage's key, which made-up scenes leave empty, and its file.
@@ -262,7 +292,7 @@ fn copied(from: &Path, to: &Path, manifest: &Manifest) -> Result<Manifest, Error
         manifest.stages.get(stage).map(|entry| entry.key.clone())
     };
     if let Some(there) = Manifest::read(to)? {
-        let is_same = ["abiotics", grow::STAGE]
+        let is_same = ["abiotics", grow::STAGE, undergrowth::STAGE]
             .iter()
             .all(|stage| key_of(&there, stage) == key_of(manifest, stage));
         let is_same_ground = terrain_key(&there) == terrain_key(manifest)
@@ -289,25 +319,33 @@ fn copied(from: &Path, to: &Path, manifest: &Manifest) -> Result<Manifest, Error
     Ok(copy)
 }
 
-/// The forest to go on with: from the state of a finished run or a checkpoint, whichever is older, else from its start.
+/// The forest to go on with: from the state of a finished run or a checkpoint, whichever has lived longer, else from its start.
 fn resume(
     folder: &Path,
     key: &str,
     years: u16,
     bare: Forest,
     plants: &Plants,
-    frame: &crate::raster::Frame,
+    frame: &Frame,
+    reporter: &Reporter,
 ) -> (Forest, Vec<GrowthRecord>) {
-    let found = [STATE_FILE, CHECKPOINT_FILE].into_iter().filter_map(|name| {
-        // one that cannot be read is none: the years are lived again
-        let checkpoint = Checkpoint::from_bytes(&fs::read(folder.join(name)).ok()?)?;
-        (checkpoint.key == key && checkpoint.year() <= years).then_some(checkpoint)
-    });
-    let latest = found.max_by_key(Checkpoint::year);
+    // one that cannot be read is none: the years are lived again
+    let read = |name: &str| Checkpoint::from_bytes(&fs::read(folder.join(name)).ok()?);
+    let states: Vec<Checkpoint> =
+        [STATE_FILE, CHECKPOINT_FILE].into_iter().filter_map(read).collect();
+    let most_years = states.iter().map(Checkpoint::year).max();
+    let fits = |state: &Checkpoint| state.key == key && state.year() <= years;
+    let latest = states.into_iter().filter(fits).max_by_key(Checkpoint::year);
     if let Some(checkpoint) = latest
         && let Some(forest) = bare.clone().with_state(checkpoint.state)
     {
         return (forest, checkpoint.growth);
+    }
+    if let Some(most_years) = most_years {
+        let text = format!(
+            "the forest begins anew: the {most_years} years that it has are of another script, start, seed or --history, or more than are asked for"
+        );
+        reporter.warn(Warning::Other { text });
     }
     let forest = if plants.is_empty() { bare } else { bare.with_plants(plants, frame) };
     (forest, Vec::new())
@@ -332,7 +370,10 @@ fn record_growth(forest: &Forest, of: &GrowthOf, growth: &mut Vec<GrowthRecord>)
             (0..community.len()).filter(|p| community.height_m[*p] >= 1.3).for_each(record);
         }
         GrowthOf::Plants(ids) => {
-            (0..community.len()).filter(|p| ids.contains(&community.id[*p])).for_each(&mut record);
+            let mut ids = ids.clone();
+            ids.sort_unstable();
+            let is_asked = |p: &usize| ids.binary_search(&community.id[*p]).is_ok();
+            (0..community.len()).filter(is_asked).for_each(&mut record);
         }
     }
 }
@@ -356,7 +397,7 @@ impl Ground {
     ) -> Result<(), Error> {
         let frame = self.terrain.elevation_m.frame();
         let droughts = Droughts::of(events);
-        let mut weather = [1.0; MONTHS];
+        let mut weather = forest.rain_fraction();
         while forest.year() < years {
             let year = forest.year() + 1;
             let rain = droughts.rain_fraction(year);

@@ -4,9 +4,9 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::age::{self, AgeRequest, Ground, Script};
+use super::Error;
+use super::age::{self, AgeRequest, Ground, GrowthOf, Script};
 use super::scene_files::{StageFiles, mean};
-use super::{Error, undergrowth};
 use crate::canopy::site::Site;
 use crate::canopy::species_map::NO_SPECIES;
 use crate::export::preview::{self, CanopyLayer, PreviewMaps, PreviewOptions};
@@ -18,6 +18,8 @@ use crate::plants::{Layer, Plants, downed_logs_table, history_tables, snags_tabl
 use crate::progress::Reporter;
 use crate::raster::{Grid, Mask};
 use crate::scene::{self, StageEntry, Transaction};
+use crate::simulation::Parameters;
+use crate::simulation::deadwood::DecayParameters;
 use crate::simulation::disturbance::schedule::Schedule;
 use crate::simulation::disturbance::{Disturbance, Event};
 use crate::simulation::forest::Forest;
@@ -39,11 +41,25 @@ pub struct Aged<'a> {
 }
 
 /// Parameters as the manifest records them.
-pub fn parameters(request: &AgeRequest, schedule: &Schedule) -> toml::Table {
+pub fn parameters(
+    request: &AgeRequest,
+    schedule: &Schedule,
+    seed: u64,
+    biome: &Biome,
+) -> Result<toml::Table, Error> {
     let mut parameters = toml::Table::new();
     let mut add = |key: &str, value: toml::Value| parameters.insert(key.to_owned(), value);
     add("years", i64::from(request.years).into());
+    add("seed", seed.to_string().into());
     add("bare_ground", request.is_bare.into());
+    add("simulation", format!("{:?}", Parameters::forest(biome)).into());
+    add("decay", format!("{:?}", DecayParameters::peytavie2024()).into());
+    let recorded = match &request.growth_of {
+        GrowthOf::None => "none".to_owned(),
+        GrowthOf::All => "full".to_owned(),
+        GrowthOf::Plants(ids) => format!("{} plants", ids.len()),
+    };
+    add("growth_of", recorded.into());
     if request.events != Script::None {
         let name = match &request.events {
             Script::File(path) => {
@@ -55,18 +71,19 @@ pub fn parameters(request: &AgeRequest, schedule: &Schedule) -> toml::Table {
         add("scripted_events", (schedule.events.len() as i64).into()); // some thousands
         add("recurring_events", (schedule.stochastic.len() as i64).into());
     }
-    parameters
+    Ok(parameters)
 }
 
-/// Writes plants, deadwood, histories, pictures and forest floor; gives the entries of both stages.
+/// Writes plants, deadwood, histories, pictures and forest floor; gives the stage's entry.
 pub fn write(
     aged: &Aged<'_>,
     (folder, climate): (&Path, Option<String>),
     (key, parameters): (&str, toml::Table),
-    (start_file, (state_file, state)): (&str, (&str, &[u8])),
+    state: &[u8],
+    has_csv: bool,
     transaction: &mut Transaction,
     reporter: &Reporter,
-) -> Result<[(&'static str, StageEntry); 2], Error> {
+) -> Result<StageEntry, Error> {
     let stage = reporter.stage("write forest", 4);
     let Aged { forest, ground, .. } = aged;
     let elevation_m = &ground.terrain.elevation_m;
@@ -79,8 +96,11 @@ pub fn write(
     // tables
     let mut files = StageFiles::new(transaction);
     files.plants(&plants, biome, frame, format)?;
+    if has_csv {
+        files.plants(&plants, biome, frame, TableFormat::Csv)?;
+    }
     if !aged.start.is_empty() {
-        files.file(start_file, |f| table::write(f, aged.start, biome, frame, format))?;
+        files.file(age::START_FILE, |f| table::write(f, aged.start, biome, frame, format))?;
     }
     files.file("snags.parquet", |f| {
         snags_table::write_snags(f, &deadwood.snags, biome, frame, format)
@@ -96,7 +116,7 @@ pub fn write(
     if !aged.growth.is_empty() {
         files.file("growth.parquet", |f| history_tables::write_growth(f, aged.growth, format))?;
     }
-    files.file(state_file, |f| f.write_all(state))?;
+    files.file(age::STATE_FILE, |f| f.write_all(state))?;
     stage.advance(1);
 
     // pictures
@@ -122,7 +142,6 @@ pub fn write(
     let options = PreviewOptions { title: scene::folder_name(folder), climate };
     files.picture(&options, &ground.terrain, &maps)?;
     stage.advance(1);
-    let entry = files.into_entry(key.to_owned(), parameters, figures(aged, &plants));
 
     // floor
     let suitability =
@@ -138,20 +157,17 @@ pub fn write(
         &reporter.silenced(),
     )?;
     stage.advance(1);
-    let mut files = StageFiles::new(transaction);
     files.grid("grass.tif", "grass height", "m", &floor.grass_height_m)?;
     files.grid("litterfall.tif", "ground covered by litter", "", &floor.litterfall)?;
     stage.advance(1);
-    let mut floor_figures = toml::Table::new();
+    let mut figures = figures(aged, &plants);
     for (name, map) in [
         ("grass_height_mean_m", &floor.grass_height_m),
         ("litterfall_mean_fraction", &floor.litterfall),
     ] {
-        floor_figures.insert(name.to_owned(), mean(map.values(), map.mask()).into());
+        figures.insert(name.to_owned(), mean(map.values(), map.mask()).into());
     }
-    let floor_parameters = super::import::parameters(&floor_params)?;
-    let floor = files.into_entry(key.to_owned(), floor_parameters, floor_figures);
-    Ok([(age::STAGE, entry), (undergrowth::FLOOR_STAGE, floor)])
+    Ok(files.into_entry(key.to_owned(), parameters, figures))
 }
 
 /// What the timeline says of events.

@@ -363,13 +363,17 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         reporter,
     )?;
     entries.into_iter().for_each(|(stage, entry)| record(&mut manifest, stage, entry));
-    manifest.stages.remove(age::STAGE); // another forest's history
+    if manifest.stages.remove(age::STAGE).is_some() {
+        let text = "the forest is grown anew: its history, snags and downed logs are removed";
+        reporter.warn(Warning::Other { text: text.to_owned() });
+    }
     manifest.inputs.extend(
         inputs.into_iter().filter(|input| !manifest.inputs.contains(input)).collect::<Vec<_>>(),
     );
     reporter.check_cancelled()?;
     transaction.commit(&manifest)?;
     close_up::discard(&folder);
+    age::discard_checkpoint(&folder);
     Ok(manifest)
 }
 

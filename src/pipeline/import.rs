@@ -180,6 +180,7 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
     }
     reporter.check_cancelled()?;
     transaction.commit(&manifest)?;
+    age::discard_checkpoint(&request.folder);
     Ok(manifest)
 }
 

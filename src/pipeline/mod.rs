@@ -56,6 +56,8 @@ pub enum Error {
     Failed { what: String },
     #[error("cancelled; nothing was written")]
     Cancelled,
+    #[error("cancelled after year {year}; the same command goes on from there")]
+    Stopped { year: u16 },
 }
 
 impl From<Cancelled> for Error {
@@ -80,7 +82,7 @@ impl Error {
             Self::Io(e) => !e.is_machine_failure(),
             Self::Scene(e) => !e.is_machine_failure(),
             Self::Inference(e) => e.is_bad_input(),
-            Self::Failed { .. } | Self::Cancelled => false,
+            Self::Failed { .. } | Self::Cancelled | Self::Stopped { .. } => false,
             _ => true,
         }
     }

@@ -337,7 +337,7 @@ pub struct GrowthRecord {
     pub dbh_m: f32,
     /// Suitability of the site, −0.2..=1.
     pub vigor: f32,
-    /// Its reserves: 1 = full, below 0 = overdrawn.
+    /// Its reserves, in months of the best vigor: 1 to 2.5 when full, by its height; below 0 overdrawn.
     pub carbon_pool: f32,
 }
 

@@ -72,13 +72,23 @@ pub struct CommunityState {
     measures: [Vec<f32>; 9],
 }
 
+/// A state that is lent, field by field as [`CommunityState`].
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct CommunityStateRef<'a> {
+    year: u16,
+    first_seedling_id: u64,
+    id: &'a [u64],
+    species: &'a [u16],
+    measures: [&'a Vec<f32>; 9],
+}
+
 /// What befalls plants from outside in a year: nothing, unless told.
 #[derive(Clone, Copy, Default)]
 pub struct Circumstances<'a> {
-    /// Whether a decaying log lies on each simulation cell; empty where there is none.
+    /// Whether a decaying downed log lies on each simulation cell; empty where there is none.
     pub downed_logs: &'a [bool],
     /// What plants lose of their pools month by month; empty where none does.
-    pub losses: &'a Losses,
+    pub losses: Option<&'a Losses>,
 }
 
 /// What some plants lose of their carbon pools by month, in months of the best vigor.
@@ -88,14 +98,6 @@ pub struct Losses {
     pub of_plant: Vec<u32>,
     /// January first.
     pub by_month: Vec<[f32; MONTHS]>,
-}
-
-static NO_LOSSES: Losses = Losses { of_plant: Vec::new(), by_month: Vec::new() };
-
-impl Default for &Losses {
-    fn default() -> Self {
-        &NO_LOSSES
-    }
 }
 
 impl Losses {
@@ -149,7 +151,7 @@ pub struct DeadPlant {
     pub death_probability_per_year: f32,
     /// Whether it would have died without stress.
     pub is_of_age: bool,
-    /// Index that it had when the year's deaths were drawn.
+    /// Index that it had when it died.
     pub index: u32,
 }
 
@@ -281,13 +283,13 @@ impl Community {
     }
 
     /// All that it is but its plot.
-    pub fn state(&self) -> CommunityState {
-        CommunityState {
+    pub fn state(&self) -> CommunityStateRef<'_> {
+        CommunityStateRef {
             year: self.year,
             first_seedling_id: self.first_seedling_id,
-            id: self.id.clone(),
-            species: self.species.clone(),
-            measures: self.measures().map(Clone::clone),
+            id: &self.id,
+            species: &self.species,
+            measures: self.measures(),
         }
     }
 
@@ -362,7 +364,7 @@ impl Community {
         let plants = self.len();
         let mut season = Season::default();
         self.grow(0..MONTHS, &Circumstances::default(), &mut season);
-        let deaths = self.die(&season.lowest_pool, &[]).len();
+        let deaths = self.die(&season.lowest_pool).len();
         YearFigures { plants, deaths, sprouted: self.sprout(season) }
     }
 
@@ -633,8 +635,9 @@ impl Community {
         let mean_vigor = if self.is_whole_forest {
             let season = traits.years_a_month;
             let mean = vigor.iter().zip(season).map(|(vigor, share)| vigor * share).sum::<f32>();
-            let losses = around.losses.of(index);
-            vigor.iter_mut().zip(losses).for_each(|(vigor, loss)| *vigor -= loss);
+            if let Some(losses) = around.losses {
+                vigor.iter_mut().zip(losses.of(index)).for_each(|(vigor, loss)| *vigor -= loss);
+            }
             mean
         } else {
             0.0
@@ -661,28 +664,44 @@ impl Community {
         (Grown { plant, idealized_age_years: age_years, carbon_pool: pool, lowest_pool }, size)
     }
 
-    /// The yearly test of death, and the end of what has reached the canopy. Plants that were `struck` die as well.
-    pub fn die(&mut self, lowest_pool: &[f32], struck: &[bool]) -> Vec<DeadPlant> {
-        let before = self.len();
+    /// The yearly test of death, and the end of what has reached the canopy.
+    pub fn die(&mut self, lowest_pool: &[f32]) -> Vec<DeadPlant> {
         let dominated = match self.parameters.competition {
             Competition::Resources => Vec::new(),
             Competition::Intersection => {
-                let disks: Vec<Disk> = (0..before).map(|plant| self.disk(plant)).collect();
+                let disks: Vec<Disk> = (0..self.len()).map(|plant| self.disk(plant)).collect();
                 intersection::dominated(&disks, &self.height_m, &self.id)
             }
         };
-        let is_struck = |plant: u32| {
-            let is_true = |of: &[bool]| of.get(plant as usize) == Some(&true);
-            is_true(&dominated) || is_true(struck)
-        };
-        let plants = (0..before as u32).into_par_iter(); // far fewer than 2³²
-        let (survivors, dead): (Vec<Survivor>, Vec<DeadPlant>) = plants.partition_map(|plant| {
-            if is_struck(plant) {
-                Either::Right(self.dead(plant, 1.0, false))
+        self.part(|community, plant| {
+            if dominated.get(plant as usize) == Some(&true) {
+                Either::Right(community.dead(plant, 1.0, false))
             } else {
-                self.survivor(plant, lowest_pool[plant as usize])
+                community.survivor(plant, lowest_pool[plant as usize])
             }
-        });
+        })
+    }
+
+    /// Takes the plants away that were `struck`, one entry a plant.
+    pub fn fell(&mut self, struck: &[bool]) -> Vec<DeadPlant> {
+        self.part(|community, plant| {
+            let index = plant as usize;
+            if struck[index] {
+                return Either::Right(community.dead(plant, 1.0, false));
+            }
+            let size_m = [community.height_m[index], community.crown_radius_m[index]];
+            Either::Left(Survivor { plant, size_m })
+        })
+    }
+
+    /// Parts the living from the dead.
+    fn part(
+        &mut self,
+        fate: impl Fn(&Self, u32) -> Either<Survivor, DeadPlant> + Sync,
+    ) -> Vec<DeadPlant> {
+        let plants = (0..self.len() as u32).into_par_iter(); // far fewer than 2³²
+        let (survivors, dead): (Vec<Survivor>, Vec<DeadPlant>) =
+            plants.partition_map(|plant| fate(self, plant));
         rayon::scope(|measures| {
             measures.spawn(|_| keep(&mut self.id, &survivors));
             measures.spawn(|_| keep(&mut self.species, &survivors));

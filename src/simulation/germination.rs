@@ -29,7 +29,7 @@ pub struct Sowing<'a> {
     pub plot: &'a Plot,
     pub traits: &'a [Traits],
     pub parameters: &'a Parameters,
-    /// Whether a decaying log lies on each cell of the plot; empty where there is none.
+    /// Whether a decaying downed log lies on each cell of the plot; empty where there is none.
     pub downed_logs: &'a [bool],
     pub seed: u64,
     pub year: u16,
@@ -41,7 +41,7 @@ pub struct Sowing<'a> {
 ///
 /// # Reference
 /// Peytavie et al. 2024, section 5.1, where seeds lie everywhere: a cell with a trunk has none; a seed that is drawn
-/// sprouts with the best vigor of all species; α counts where a decaying log lies.
+/// sprouts with the best vigor of all species; α counts where a decaying downed log lies.
 pub fn sprout(cells: &CellStates, trunks: &[bool], sowing: &Sowing) -> Vec<Seedling> {
     let Sowing { plot, traits, parameters, seed, year, .. } = *sowing;
     let tile = cells.tile();

@@ -27,9 +27,9 @@ pub enum Seeding {
     /// From the trees of a fixed canopy, each of its sub-biome (Kapp 2020).
     CanopyTrees,
     /// From a bank of seeds of all species that lies everywhere (Peytavie 2024): a cell without a trunk has
-    /// [`Parameters::seed_chance_per_year`], and where a decaying log lies this chance a year.
+    /// [`Parameters::seed_chance_per_year`], and where a decaying downed log lies this chance a year.
     Everywhere {
-        /// γ of cells with decaying logs.
+        /// γ of cells with decaying downed logs.
         chance_on_downed_logs_per_year: f32,
     },
 }
@@ -77,7 +77,7 @@ pub struct Parameters {
     pub lifespan_exponent: f32,
 }
 
-/// Most seedlings that sprout in whole forests.
+/// Most seedlings that sprout in whole forests. chosen: twelve times the Pyrenees' rate, see [`Parameters::forest`].
 const MOST_SEEDLINGS_PER_M2_YEAR: f32 = 0.25;
 
 impl Parameters {
@@ -144,7 +144,7 @@ impl Parameters {
     ///
     /// # Reference
     /// Peytavie et al. 2024, section 5, and what their program ran (PAPER_NOTES §7, §10): cells of 50 cm, a pool of 1,
-    /// germination of 0.005 per cell and year, 0.0279 on logs.
+    /// germination of 0.005 per cell and year, 0.0279 on downed logs.
     /// # Departures
     /// Their pool is 1 for seedling and tree alike: five bad months empty it, and the dry season of a Mediterranean summer, which
     /// has six, killed half of any grown forest within five years. Trees store carbon to leaf out several times over: theirs

@@ -29,7 +29,7 @@ pub struct Traits {
     pub seed_weight: f32,
     /// One bit a sub-biome that it grows in.
     pub sub_biomes: u32,
-    /// How many times likelier it sprouts on a decaying log than beside it (α of Peytavie 2024, Eq. 5).
+    /// How many times likelier it sprouts on a decaying downed log than beside it (α of Peytavie 2024, Eq. 5).
     pub downed_log_seeding_multiplier: f32,
     growth: GrowthCurve,
     /// Sizes by idealized age for [`GrowthCurve::Envelope`], else none.

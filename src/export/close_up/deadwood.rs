@@ -136,14 +136,14 @@ pub fn part_within(from: [f32; 2], to: [f32; 2], edges: [[f32; 2]; 2]) -> Option
 
 /// A downed log from above.
 #[derive(Clone, Copy, Debug)]
-pub struct LogAbove {
+pub struct DownedLogAbove {
     stroke: Stroke,
     color: [f32; 3],
     is_uprooted: bool,
     seed: u32,
 }
 
-impl LogAbove {
+impl DownedLogAbove {
     /// A log on a view's sheet.
     pub fn new(logs: &DownedLogs, i: usize, view: &View) -> Self {
         let [east_m, north_m] = logs.thin_end_m(i);
@@ -421,7 +421,7 @@ impl SnagBeside {
 
 /// A downed log from the side: what of it lies in the strip.
 #[derive(Clone, Copy, Debug)]
-pub struct LogBeside {
+pub struct DownedLogBeside {
     /// Columns of the thick and the thin end of that part.
     x: [f32; 2],
     /// Diameters there, pixels.
@@ -435,7 +435,7 @@ pub struct LogBeside {
     seed: u32,
 }
 
-impl LogBeside {
+impl DownedLogBeside {
     /// A log of a profile: the part `[start, end]` of its length, whose ends lie at columns `x`.
     pub fn new(
         logs: &DownedLogs,
@@ -555,13 +555,13 @@ mod tests {
     fn logs_lie_on_the_ground_in_their_length_and_as_a_disc_seen_from_their_end() {
         let east = std::f32::consts::FRAC_PI_2;
         let aside = logs(&[(0.0, 0.0, 9.0, 1.0, east, 2)]);
-        let log = LogBeside::new(&aside, 0, [0.0, 1.0], [60.0, 150.0], FOOTING);
+        let log = DownedLogBeside::new(&aside, 0, [0.0, 1.0], [60.0, 150.0], FOOTING);
         let (_, [left, top, right, bottom]) = drawn(|band| log.draw(band, |_| 180.0));
         assert!(left.abs_diff(60) <= 1 && right.abs_diff(150) <= 1, "{left} {right}");
         // the ground is drawn over what reaches below it
         assert!(top.abs_diff(170) <= 1 && (179..=185).contains(&bottom), "{top} {bottom}");
         let end_on = logs(&[(0.0, 0.0, 9.0, 1.0, 0.0, 2)]);
-        let log = LogBeside::new(&end_on, 0, [0.0, 0.5], [100.0, 100.0], FOOTING);
+        let log = DownedLogBeside::new(&end_on, 0, [0.0, 0.5], [100.0, 100.0], FOOTING);
         let (count, [left, _, right, _]) = drawn(|band| log.draw(band, |_| 180.0));
         assert!(left.abs_diff(95) <= 1 && right.abs_diff(104) <= 1, "{left} {right}");
         assert!((60..110).contains(&count), "{count}");
@@ -576,7 +576,7 @@ mod tests {
         assert!(drawn(|band| snag.circle(band)).0 > 20);
         let logs = logs(&[(400.0, 500.0, 100.0, 0.1, 0.0, 1)]);
         let (_, [left, top, right, bottom]) =
-            drawn(|band| LogAbove::new(&logs, 0, &view).draw(band));
+            drawn(|band| DownedLogAbove::new(&logs, 0, &view).draw(band));
         assert!(right - left <= 4 && bottom - top >= 18, "{left} {top} {right} {bottom}");
     }
 }

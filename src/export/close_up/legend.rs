@@ -1,6 +1,6 @@
 //! Legend of a close-up: the species of each layer with their symbols and numbers, and what a forester asks of a stand.
 
-use super::deadwood::{LogAbove, SeenDeadwood, SnagAbove};
+use super::deadwood::{DownedLogAbove, SeenDeadwood, SnagAbove};
 use super::light::LightSheet;
 use super::plan::{Seen, View};
 use super::symbols::{CanopyTree, LowPlant, Symbol};
@@ -200,7 +200,7 @@ impl DeadwoodLegend {
             let mut symbol = LightSheet::new(pixels, pixels, |_| PAPER.map(f32::from));
             symbol.draw(|band| match index {
                 0 => SnagAbove::symbol(side).circle(band),
-                _ => LogAbove::symbol(side).draw(band),
+                _ => DownedLogAbove::symbol(side).draw(band),
             });
             symbol.onto(canvas, [rect.x, y - 4]);
             let base = y as f32 + 13.0;

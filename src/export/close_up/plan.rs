@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::area::Area;
-use super::deadwood::{LogAbove, SeenDeadwood, SnagAbove};
+use super::deadwood::{DownedLogAbove, SeenDeadwood, SnagAbove};
 use super::ground::GroundCover;
 use super::light::{Band, LightSheet};
 use super::symbols::{CanopyTree, LowPlant, Symbol};
@@ -18,7 +18,7 @@ use crate::species::Biome;
 const COVER_SAMPLES: usize = 256;
 
 /// Height up to which plants are drawn under downed logs. chosen: as high as a log is thick.
-const BELOW_LOGS_M: f32 = 0.5;
+const BELOW_DOWNED_LOGS_M: f32 = 0.5;
 
 /// Where the square lies: in the scene, and on the sheet.
 #[derive(Clone, Copy, Debug)]
@@ -128,15 +128,15 @@ pub fn draw(
     ground: &GroundCover,
 ) -> LightSheet {
     let side = view.side as usize;
-    let logs: Vec<LogAbove> = dead.map_or_else(Vec::new, |(deadwood, seen)| {
-        let log = |&i: &usize| LogAbove::new(&deadwood.downed_logs, i, view);
+    let logs: Vec<DownedLogAbove> = dead.map_or_else(Vec::new, |(deadwood, seen)| {
+        let log = |&i: &usize| DownedLogAbove::new(&deadwood.downed_logs, i, view);
         seen.downed_logs.iter().map(log).collect()
     });
     let snags: Vec<SnagAbove> = dead.map_or_else(Vec::new, |(deadwood, seen)| {
         let snag = |&i: &usize| SnagAbove::new(&deadwood.snags, i, biome, view);
         seen.snags.iter().map(snag).collect()
     });
-    let is_below = |&i: &usize| !logs.is_empty() && plants.height_m[i] < BELOW_LOGS_M;
+    let is_below = |&i: &usize| !logs.is_empty() && plants.height_m[i] < BELOW_DOWNED_LOGS_M;
     let (below, above): (Vec<usize>, Vec<usize>) =
         seen.undergrowth.iter().copied().partition(is_below);
     let [below, above] = [below, above].map(|some| -> Vec<LowPlant> {

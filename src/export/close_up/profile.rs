@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::area::Area;
-use super::deadwood::{Footing, LogBeside, SnagBeside, part_within};
+use super::deadwood::{DownedLogBeside, Footing, SnagBeside, part_within};
 use super::ground::Litters;
 use super::light::{Band, LightSheet};
 use super::silhouettes::Standing;
@@ -89,7 +89,7 @@ pub struct Site<'a> {
 enum Thing {
     Plant(Standing),
     Snag(SnagBeside),
-    DownedLog(LogBeside),
+    DownedLog(DownedLogBeside),
 }
 
 impl Transect {
@@ -321,7 +321,7 @@ impl Transect {
             let middle = 0.5 * (part[0] + part[1]);
             let footing = self.footing(at(middle, 0), at(middle, 1));
             let x = part.map(|along| (at(along, 0) - self.west_m) * self.px_per_m);
-            let log = LogBeside::new(downed_logs, i, part, x, footing);
+            let log = DownedLogBeside::new(downed_logs, i, part, x, footing);
             things.push((at(middle, 1), Thing::DownedLog(log)));
         }
         things.sort_by(|(a, _), (b, _)| b.total_cmp(a)); // stable

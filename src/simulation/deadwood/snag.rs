@@ -97,7 +97,6 @@ impl Snag {
     /// The paper's snags stand until their stem snaps and rots off. Most real ones fall before, as roots rot: each year of
     /// decay has a chance of it, without which two thirds of deadwood stood.
     pub fn age(&mut self, years: f32, species: &Species, draws: [f32; 3]) -> Fallen {
-        let before = self.decay_class();
         self.decayed_years = (self.decayed_years + years).min(self.deathspan_years);
         let density = self.density_fraction();
         let class = decay::class(density);
@@ -117,7 +116,7 @@ impl Snag {
         let breaks_at_m = if (class == 5 || falls) && self.height_m > STUMP_M {
             fallen.leaves_stump = true;
             stump_m
-        } else if class == 4 && before < 4 {
+        } else if class == 4 && self.height_m > SNAP_FRACTIONS[1] * self.height_at_death_m {
             let [low, high] = SNAP_FRACTIONS;
             ((low + draws[0] * (high - low)) * self.height_at_death_m).max(STUMP_M)
         } else {

@@ -46,6 +46,8 @@ pub struct FallingStem {
     pub length_m: f32,
     /// Diameter of its thick end, m.
     pub diameter_base_m: f32,
+    /// Diameter of its thin end, m; a pointed stem has the least that holds together.
+    pub diameter_tip_m: f32,
     /// Direction that it leans to, clockwise from north, radians.
     pub azimuth_rad: f32,
     /// Share of its deathspan that lies behind it.
@@ -66,16 +68,17 @@ pub struct Source<'a> {
 }
 
 impl Stock {
-    /// Lets a dead plant stand as a snag, if it has a stem. Gives whether it does.
+    /// Lets a dead tree stand as a snag, if it has a stem, and gives it; what is left of shrubs and herbs is litter.
     pub fn add_snag(
         &mut self,
         plant: &DeadPlant,
         species: &Species,
         cause: Cause,
         year: u16,
-    ) -> bool {
-        if plant.dbh_m < LEAST_SNAG_DBH_M || species.form == Form::Herb {
-            return false;
+    ) -> Option<&mut Snag> {
+        let has_one_stem = matches!(species.form, Form::Tree | Form::ShrubTree);
+        if plant.dbh_m < LEAST_SNAG_DBH_M || !has_one_stem {
+            return None;
         }
         self.snags.push(Snag {
             id: plant.id,
@@ -92,7 +95,7 @@ impl Stock {
             year,
             cause,
         });
-        true
+        self.snags.last_mut()
     }
 
     /// Lays a stem down between the trunks that stand, if it is thick enough to be a downed log.
@@ -118,7 +121,7 @@ impl Stock {
             south_m: source.at[1],
             length_m: stem.length_m,
             diameter_base_m: stem.diameter_base_m,
-            diameter_tip_m: TIP_FRACTION * stem.diameter_base_m,
+            diameter_tip_m: stem.diameter_tip_m.max(TIP_FRACTION * stem.diameter_base_m),
             azimuth_rad: math::atan2(math::sin(azimuth_rad), math::cos(azimuth_rad)),
             decayed_years: stem.decayed_fraction * full_years,
             deathspan_years: full_years,
@@ -150,7 +153,7 @@ impl Stock {
             let [around, away, turn, length] = rng::uniforms(key);
             let (around_rad, turn_rad) =
                 (std::f32::consts::TAU * around, std::f32::consts::TAU * turn);
-            let away_m = 0.7 * branches.length_m * away.sqrt();
+            let away_m = STREWN_FRACTION * branches.length_m * away.sqrt();
             self.downed_logs.push(DownedLog {
                 id: self.next_id,
                 parent_id: source.id,
@@ -158,7 +161,7 @@ impl Stock {
                 kind: DownedLogKind::Branch,
                 east_m: source.at[0] + away_m * math::sin(around_rad),
                 south_m: source.at[1] - away_m * math::cos(around_rad),
-                length_m: branches.length_m * (0.5 + 0.5 * length),
+                length_m: branches.length_m * math::lerp(LEAST_BROKEN_FRACTION, 1.0, length),
                 diameter_base_m: branches.diameter_m,
                 diameter_tip_m: TIP_FRACTION * branches.diameter_m,
                 azimuth_rad: math::atan2(math::sin(turn_rad), math::cos(turn_rad)),
@@ -212,6 +215,7 @@ impl Stock {
                 cause: Cause::Decay,
                 length_m: snag.height_m - above_m,
                 diameter_base_m: snag.diameter_at_m(above_m),
+                diameter_tip_m: snag.diameter_at_m(snag.height_m),
                 azimuth_rad: falling::lean_rad(slope_rad, downhill_rad, lean),
                 decayed_fraction,
             };
@@ -236,6 +240,10 @@ impl Stock {
     }
 }
 
+/// How far from the stem branches come to lie, as a share of their length. chosen: under the crown.
+const STREWN_FRACTION: f32 = 0.7;
+/// Least share of a branch that stays in one piece. chosen: half.
+const LEAST_BROKEN_FRACTION: f32 = 0.5;
 /// Diameter of a thin end over that of the thick one. chosen: what is thinner breaks off and is litter.
 const TIP_FRACTION: f32 = 0.2;
 /// Least length of a downed log. chosen: shorter pieces are blocks.

@@ -19,8 +19,8 @@ const MOISTURE_DAMPING_PER_PERCENT: f32 = 0.111;
 const SLOPE_GAIN_PER_DEGREE: f32 = 0.063;
 /// How fast wind drives fire along it, per m/s (c₁ of Eq. 13; PAPER_NOTES §10).
 const WIND_GAIN_S_M: f32 = 0.045;
-/// How fast wind holds fire back aslant and against it, per m/s (c₂ of Eq. 13; Alexandridis 2008). PAPER_NOTES §10 has 0.191:
-/// ten other programs after the same paper have 0.131.
+/// How fast wind holds fire back aslant and against it, per m/s (c₂ of Eq. 13; Alexandridis 2008, whose value other programs after
+/// that paper have too; PAPER_NOTES §10 has 0.191).
 const CROSSWIND_GAIN_S_M: f32 = 0.131;
 /// Power of height (d of Eq. 12; PAPER_NOTES §10).
 const HEIGHT_EXPONENT: f32 = 0.932;

@@ -14,7 +14,7 @@ pub const BRANCH_BREAKING_M_S: f32 = 65.0 / 3.6;
 /// Turning moment per square of wind speed and per dbh² · height, N m (m/s)⁻² m⁻³ (Hale 2015; Peytavie 2024, Eq. 15).
 const TURNING_MOMENT_COEFFICIENT: f32 = 111.7;
 /// Lower plants bend. chosen: by Eqs. 14–15 slender saplings would break in any gale, but only trees were measured.
-const LOWEST_BREAKING_M: f32 = 5.0;
+pub const LEAST_HEIGHT_M: f32 = 5.0;
 /// Share of its height at which a stem breaks, lowest and highest. chosen: mostly below the crown.
 const BREAK_HEIGHT_FRACTION: [f32; 2] = [0.1, 0.5];
 /// Share of the wind that is left in full shelter. chosen: as a few heights behind a dense shelter belt.
@@ -163,7 +163,7 @@ pub fn critical_speeds(
     height_m: f32,
     wet_factor: f32,
 ) -> CriticalSpeeds {
-    if height_m < LOWEST_BREAKING_M {
+    if height_m < LEAST_HEIGHT_M {
         return CriticalSpeeds { uproot_m_s: f32::INFINITY, snap_m_s: f32::INFINITY };
     }
     let turning_nm_s2_m2 = TURNING_MOMENT_COEFFICIENT * dbh_m * dbh_m * height_m;

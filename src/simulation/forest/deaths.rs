@@ -2,14 +2,14 @@
 
 use rayon::prelude::*;
 
+use super::fuel::RECORDED_HEIGHT_M;
 use super::run::Forest;
 use super::tally::{LEAST_DBH_M, YearTally};
 use crate::plants::deadwood::{Cause, DownedLogKind, LifeEvent, LifeEventKind};
 use crate::rng::{self, Key, Process};
-use crate::simulation::community::DeadPlant;
+use crate::simulation::community::{DeadPlant, Losses, Season};
 use crate::simulation::deadwood::branches::Branches;
 use crate::simulation::deadwood::downed_log::LEAST_DIAMETER_M;
-use crate::simulation::deadwood::falling::StandingTrunks;
 use crate::simulation::deadwood::stock::{FallingStem, Source, YEARS_END};
 
 /// Share of its primary branches that a wholly shaded tree gives up in a year. chosen: a crown that rises by its own length
@@ -26,43 +26,63 @@ pub enum Struck {
     Uprooted {
         /// Direction that it fell to, clockwise from north.
         azimuth_rad: f32,
-        month: u8,
     },
     /// Its stem broke.
     Snapped {
         /// Share of its height that stands.
         standing_fraction: f32,
         azimuth_rad: f32,
-        month: u8,
     },
 }
 
 /// What a year's disturbances do to each plant.
 pub struct Toll {
-    pub struck: Vec<Struck>,
     /// Whether fire reached it.
     pub is_burnt: Vec<bool>,
     /// Whether it is ill.
     pub is_ill: Vec<bool>,
+    /// Trees that storms took, with the month.
+    pub felled: Vec<(u64, u8)>,
 }
 
 impl Toll {
     pub fn new(plants: usize) -> Self {
-        Self {
-            struck: vec![Struck::No; plants],
-            is_burnt: vec![false; plants],
-            is_ill: vec![false; plants],
+        Self { is_burnt: vec![false; plants], is_ill: vec![false; plants], felled: Vec::new() }
+    }
+
+    /// Leaves trees out that a storm took, here and in what else the year keeps by plant.
+    pub fn forget(
+        &mut self,
+        felled: &[DeadPlant],
+        month: u8,
+        season: &mut Season,
+        losses: &mut Losses,
+    ) {
+        let mut stays = vec![true; self.is_ill.len()];
+        for plant in felled {
+            stays[plant.index as usize] = false;
+            self.felled.push((plant.id, month));
+        }
+        keep(&mut self.is_burnt, &stays);
+        keep(&mut self.is_ill, &stays);
+        keep(&mut season.lowest_pool, &stays);
+        if !losses.of_plant.is_empty() {
+            keep(&mut losses.of_plant, &stays);
         }
     }
+}
+
+/// Keeps the values of those that stay.
+fn keep<T>(values: &mut Vec<T>, stays: &[bool]) {
+    let mut stays = stays.iter();
+    values.retain(|_| stays.next().is_none_or(|stays| *stays));
 }
 
 impl Forest {
     /// Why a plant died.
     fn cause(&self, plant: &DeadPlant, toll: &Toll) -> Cause {
         let index = plant.index as usize;
-        if toll.struck[index] != Struck::No {
-            Cause::Storm
-        } else if plant.is_of_age {
+        if plant.is_of_age {
             Cause::Age
         } else if toll.is_burnt[index] {
             Cause::Fire
@@ -75,64 +95,78 @@ impl Forest {
         }
     }
 
-    /// Makes snags, downed logs and litter of the year's dead.
-    pub(super) fn bury(
-        &mut self,
-        dead: &[DeadPlant],
-        toll: &Toll,
-        trunks: &StandingTrunks,
-        figures: &mut YearTally,
-    ) {
-        let year = self.community.year();
-        let mut stock = std::mem::take(&mut self.stock);
+    /// Makes snags and litter of the year's dead.
+    pub(super) fn bury(&mut self, dead: &[DeadPlant], toll: &Toll, figures: &mut YearTally) {
         for plant in dead {
             let cause = self.cause(plant, toll);
-            figures.deaths[usize::from(plant.species)][cause as usize] += 1;
-            if plant.dbh_m >= LEAST_DBH_M {
-                figures.tree_deaths[usize::from(plant.species)][cause as usize] += 1;
-            }
-            let species = self.traits(plant.species).species();
-            if !stock.add_snag(plant, species, cause, year) {
-                continue;
-            }
+            let year = self.community.year();
+            let species = &self.biome.species[usize::from(plant.species)];
+            let leaves_snag = self.stock.add_snag(plant, species, cause, year).is_some();
+            self.count_death(plant, YEARS_END, cause, leaves_snag, figures);
+        }
+    }
+
+    /// Lays down trees that a storm took in a month; `struck` has what it did, by the plants' indices.
+    pub(super) fn lay_down(
+        &mut self,
+        felled: &[DeadPlant],
+        struck: &[Struck],
+        month: u8,
+        figures: &mut YearTally,
+    ) {
+        let trunks = self.standing_trunks();
+        let year = self.community.year();
+        for plant in felled {
+            let species = &self.biome.species[usize::from(plant.species)];
             let at = [plant.east_m, plant.south_m];
             let source = Source { id: plant.id, index: plant.species, species, at };
-            let struck = toll.struck[plant.index as usize];
-            let mut month = YEARS_END;
-            match struck {
-                Struck::No => {}
-                Struck::Uprooted { azimuth_rad, month: struck_month } => {
-                    month = struck_month;
-                    let stem = FallingStem {
-                        kind: DownedLogKind::Uprooted,
-                        cause: Cause::Storm,
-                        length_m: plant.height_m,
-                        diameter_base_m: plant.dbh_m,
-                        azimuth_rad,
-                        decayed_fraction: 0.0,
-                    };
-                    stock.lay_stem(&source, &stem, trunks, year);
-                    stock.snags.pop();
+            let (kind, azimuth_rad, standing_m) = match struck[plant.index as usize] {
+                Struck::No => continue,
+                Struck::Uprooted { azimuth_rad } => (DownedLogKind::Uprooted, azimuth_rad, 0.0),
+                Struck::Snapped { standing_fraction, azimuth_rad } => {
+                    (DownedLogKind::Top, azimuth_rad, standing_fraction * plant.height_m)
                 }
-                Struck::Snapped { standing_fraction, azimuth_rad, month: struck_month } => {
-                    month = struck_month;
-                    let snag = stock.snags.last_mut().expect("a snag was just added");
-                    snag.height_m = standing_fraction * plant.height_m;
-                    snag.branch_fraction = standing_fraction;
-                    let stem = FallingStem {
-                        kind: DownedLogKind::Top,
-                        cause: Cause::Storm,
-                        length_m: plant.height_m - snag.height_m,
-                        diameter_base_m: snag.diameter_at_m(snag.height_m),
-                        azimuth_rad,
-                        decayed_fraction: 0.0,
-                    };
-                    stock.lay_stem(&source, &stem, trunks, year);
-                }
+            };
+            let mut diameter_base_m = plant.dbh_m;
+            if standing_m > 0.0
+                && let Some(snag) = self.stock.add_snag(plant, species, Cause::Storm, year)
+            {
+                snag.height_m = standing_m;
+                snag.branch_fraction = standing_m / plant.height_m;
+                diameter_base_m = snag.diameter_at_m(standing_m);
             }
+            let stem = FallingStem {
+                kind,
+                cause: Cause::Storm,
+                length_m: plant.height_m - standing_m,
+                diameter_base_m,
+                diameter_tip_m: 0.0,
+                azimuth_rad,
+                decayed_fraction: 0.0,
+            };
+            self.stock.lay_stem(&source, &stem, &trunks, year);
+            self.count_death(plant, month, Cause::Storm, true, figures);
+        }
+    }
+
+    /// Counts a death, and records that of a plant which left deadwood or was as high as a breast.
+    fn count_death(
+        &mut self,
+        plant: &DeadPlant,
+        month: u8,
+        cause: Cause,
+        left_deadwood: bool,
+        figures: &mut YearTally,
+    ) {
+        self.tally.died += 1;
+        let species = usize::from(plant.species);
+        figures.deaths[species][cause as usize] += 1;
+        if plant.dbh_m >= LEAST_DBH_M {
+            figures.tree_deaths[species][cause as usize] += 1;
+        }
+        if left_deadwood || plant.height_m >= RECORDED_HEIGHT_M {
             self.record_death(plant, month, cause);
         }
-        self.stock = stock;
     }
 
     fn record_death(&mut self, plant: &DeadPlant, month: u8, cause: Cause) {
@@ -148,14 +182,7 @@ impl Forest {
     }
 
     /// Puts the year's events in the order of time, without diseases of trees that a storm had taken before.
-    pub(super) fn order_history(&mut self, first_of_year: usize, dead: &[DeadPlant], toll: &Toll) {
-        let struck_in = |plant: &DeadPlant| match toll.struck[plant.index as usize] {
-            Struck::No => None,
-            Struck::Uprooted { month, .. } | Struck::Snapped { month, .. } => {
-                Some((plant.id, month))
-            }
-        };
-        let mut struck: Vec<(u64, u8)> = dead.iter().filter_map(struck_in).collect();
+    pub(super) fn order_history(&mut self, first_of_year: usize, mut struck: Vec<(u64, u8)>) {
         struck.sort_unstable();
         let mut of_year = self.history.split_off(first_of_year);
         of_year.retain(|event| {

@@ -76,14 +76,20 @@ impl ForestGround {
 
     /// Visits the ground cells whose middles lie under a disk, and that of its own middle.
     pub fn under_disk(&self, at: [f32; 2], radius_m: f32, mut visit: impl FnMut(usize)) {
-        visit(self.cell_at(at));
         let [east_m, south_m] = at;
+        let own = self.cell_at(at);
+        let mut is_own_visited = false;
         for row in disk_span(south_m, radius_m, self.rows, self.cell_m) {
             let away_m = (row as f32 + 0.5) * self.cell_m - south_m;
             let half_m = (radius_m * radius_m - away_m * away_m).max(0.0).sqrt();
             for col in disk_span(east_m, half_m, self.cols, self.cell_m) {
-                visit(row * self.cols + col);
+                let cell = row * self.cols + col;
+                is_own_visited |= cell == own;
+                visit(cell);
             }
+        }
+        if !is_own_visited {
+            visit(own);
         }
     }
 

@@ -20,5 +20,5 @@ mod tally;
 mod tests;
 
 pub use run::{Forest, Site};
-pub use state::State;
+pub use state::{State, StateRef};
 pub use tally::Tally;

@@ -46,7 +46,8 @@ impl Forest {
         for outbreak in &mut outbreaks {
             self.spread(outbreak, toll, &mut losses);
         }
-        outbreaks.retain(|outbreak| !outbreak.health.is_empty());
+        // without anyone ill it cannot come back
+        outbreaks.retain(|outbreak| outbreak.health.iter().any(|(_, health)| health.is_infected()));
         self.outbreaks = outbreaks;
         losses
     }

@@ -12,11 +12,14 @@ use crate::simulation::deadwood::stock::YEARS_END;
 
 /// Least height of canopy trees. Kapp et al. 2020, section 5.2: canopy begins at 3 m.
 const LEAST_CANOPY_M: f32 = 3.0;
+/// Least height of plants in tables, as of grown undergrowth.
+const LEAST_PLANT_M: f32 = 0.1;
 /// Least share of its crown that the sky sees of a canopy tree. chosen: half, as for trees that are fitted to a canopy.
 const LEAST_SEEN_FRACTION: f32 = 0.5;
 
 /// Places of a scene: from metres east and south to north and ground.
 struct Place<'a> {
+    elevation_m: &'a Grid<f32>,
     ground_m: Samples<'a>,
     cell_m: f64,
     width_m: f32,
@@ -29,6 +32,7 @@ impl<'a> Place<'a> {
         let valid = elevation_m.mask().as_slice();
         let side_m = |cells: usize| (cells as f64 * frame.transform.cell_m) as f32; // rounded as positions are
         Self {
+            elevation_m,
             ground_m: Samples::new(frame.rows, frame.cols, elevation_m.values(), valid),
             cell_m: frame.transform.cell_m,
             width_m: side_m(frame.cols),
@@ -44,42 +48,47 @@ impl<'a> Place<'a> {
         (self.height_m - south_m).clamp(0.0, self.height_m)
     }
 
-    /// Elevation, 0 where there is no ground near.
+    /// Elevation of the ground, or of the nearest cell of the scene.
     fn z_m(&self, east_m: f32, south_m: f32) -> f32 {
         let cells = |m: f32, most_m: f32| f64::from(m.clamp(0.0, most_m)) / self.cell_m;
         let (col, row) = (cells(east_m, self.width_m), cells(south_m, self.height_m));
-        self.ground_m.bilinear(CellPosition { row, col }).unwrap_or(0.0)
+        let frame = self.elevation_m.frame();
+        let own =
+            (row as usize).min(frame.rows - 1) * frame.cols + (col as usize).min(frame.cols - 1);
+        let own_m = self.elevation_m.values()[own];
+        self.ground_m.bilinear(CellPosition { row, col }).unwrap_or(own_m)
     }
 }
 
 impl Forest {
-    /// Its plants; those that the sky sees are canopy.
+    /// Its plants that are a decimetre high; those that the sky sees are canopy. Seedlings below are in its state alone.
     pub fn plants(&self, elevation_m: &Grid<f32>) -> Plants {
         let (community, place) = (&self.community, Place::new(elevation_m));
         let seen = self.seen_fraction();
-        let plants = || (0..community.len()).into_par_iter();
-        let layer = plants().map(|plant| {
+        let shown: Vec<usize> =
+            (0..community.len()).filter(|p| community.height_m[*p] >= LEAST_PLANT_M).collect();
+        let layer = |plant: usize| {
             let species = &self.biome.species[usize::from(community.species[plant])];
             let is_canopy = species.can_be_canopy()
                 && community.height_m[plant] >= LEAST_CANOPY_M
                 && seen[plant] >= LEAST_SEEN_FRACTION;
             if is_canopy { Layer::Canopy } else { Layer::Undergrowth }
-        });
-        let z_m = plants().map(|p| place.z_m(community.east_m[p], community.south_m[p]));
-        let north_m = plants().map(|p| place.north_m(community.south_m[p]));
-        let east_m = plants().map(|p| place.east_m(community.east_m[p]));
+        };
+        let measure = |of: &(dyn Fn(usize) -> f32 + Sync)| -> Vec<f32> {
+            shown.par_iter().map(|plant| of(*plant)).collect()
+        };
         Plants {
-            id: community.id.clone(),
-            species: community.species.clone(),
-            layer: layer.collect(),
-            east_m: east_m.collect(),
-            north_m: north_m.collect(),
-            z_m: z_m.collect(),
-            height_m: community.height_m.clone(),
-            crown_radius_m: community.crown_radius_m.clone(),
-            dbh_m: community.dbh_m.clone(),
-            age_years: community.idealized_age_years.clone(),
-            vigor: community.vigor.clone(),
+            id: shown.iter().map(|plant| community.id[*plant]).collect(),
+            species: shown.iter().map(|plant| community.species[*plant]).collect(),
+            layer: shown.iter().map(|plant| layer(*plant)).collect(),
+            east_m: measure(&|p| place.east_m(community.east_m[p])),
+            north_m: measure(&|p| place.north_m(community.south_m[p])),
+            z_m: measure(&|p| place.z_m(community.east_m[p], community.south_m[p])),
+            height_m: measure(&|p| community.height_m[p]),
+            crown_radius_m: measure(&|p| community.crown_radius_m[p]),
+            dbh_m: measure(&|p| community.dbh_m[p]),
+            age_years: measure(&|p| community.idealized_age_years[p]),
+            vigor: measure(&|p| community.vigor[p]),
         }
     }
 
@@ -99,8 +108,8 @@ impl Forest {
         seen.collect()
     }
 
-    /// What happened to plants, each one's beginning included: those that left a snag or a downed log, and those alive that
-    /// are as high as a breast.
+    /// What happened to plants, each one's beginning included: those that left deadwood, and those that are or were as high as
+    /// a breast.
     pub fn life_histories(&self) -> Vec<LifeEvent> {
         let community = &self.community;
         let tall = (0..community.len()).filter(|p| community.height_m[*p] >= RECORDED_HEIGHT_M);

@@ -1,6 +1,6 @@
 //! A forest and its year.
 
-use super::deaths::{Struck, Toll};
+use super::deaths::Toll;
 use super::ground::ForestGround;
 use super::outbreaks::Outbreak;
 use super::tally::{self, Tally, YearTally};
@@ -17,7 +17,7 @@ use crate::species::Biome;
 
 /// Seedlings' ids begin at multiples of this, above all ids that a simulation begins with: year and cell lie below.
 const SEEDLING_ID_STEP: u64 = 1 << 48;
-/// Shade of plants whose surroundings are not known yet.
+/// Shade of plants whose surroundings are not known yet. chosen: half.
 const UNKNOWN_SHADE: f32 = 0.5;
 /// Least stem that others fall beside. chosen: thinner ones give way.
 const LEAST_STANDING_DBH_M: f32 = 0.1;
@@ -49,7 +49,7 @@ pub struct Forest {
     pub(super) tally: Tally,
     /// Area that each fire burnt, with its year.
     pub(super) burnt_m2: Vec<(u16, f32)>,
-    /// Whether a decaying log lies on each simulation cell.
+    /// Whether a decaying downed log lies on each simulation cell.
     downed_log_cells: Vec<bool>,
     /// Share of the usual rain by month of the year that comes.
     pub(super) rain_fraction: [f32; MONTHS],
@@ -103,6 +103,7 @@ impl Forest {
             community.height_m[last] = height_m;
             community.crown_radius_m[last] = plants.crown_radius_m[plant];
             community.dbh_m[last] = plants.dbh_m[plant];
+            community.carbon_pool[last] = community.pool_capacity(last);
             community.vigor[last] = plants.vigor[plant];
         }
         self.tally.present = plants.len() as u64;
@@ -111,7 +112,7 @@ impl Forest {
         self
     }
 
-    /// Lives through a year with these events, which are all of it. Soil water is what [`Forest::set_moisture`] gave.
+    /// Lives through a year with these events, which are all of it but droughts: soil water is what [`Forest::set_moisture`] gave.
     ///
     /// # Panics
     /// If an event is of another year.
@@ -129,7 +130,8 @@ impl Forest {
                 self.outbreak_count += 1;
             }
         }
-        let losses = self.spread_diseases(&mut toll);
+        let mut losses = self.spread_diseases(&mut toll);
+        let mut figures = YearTally::new(self.biome.species.len());
 
         // months, with what strikes in them
         let mut season = Season::default();
@@ -147,7 +149,8 @@ impl Forest {
                     self.burn(fire, event.month, &mut season, &mut toll);
                 }
                 Disturbance::WindStorm(storm) => {
-                    self.blow(storm, event.month, &mut season, &mut toll);
+                    let felled = self.blow(storm, event.month, &mut season, &mut figures);
+                    toll.forget(&felled, event.month, &mut season, &mut losses);
                 }
                 _ => {}
             }
@@ -155,19 +158,25 @@ impl Forest {
         self.grow(month, MONTHS, &losses, &mut season);
 
         // the year's end
-        let mut figures = YearTally::new(self.biome.species.len());
         let trunks = self.standing_trunks();
-        let struck: Vec<bool> = toll.struck.iter().map(|struck| *struck != Struck::No).collect();
         let Self { community, stock, ground, history, .. } = self;
-        let (biome, decay, seed) = (&self.biome, &self.decay, [self.seed, u64::from(year)]);
+        let (biome, decay, seed) = (&self.biome, &self.decay, self.seed);
         let (dead, ()) = rayon::join(
-            || community.die(&season.lowest_pool, &struck),
-            || stock.decay(decay, ground, &biome.species, &trunks, seed, history),
+            || community.die(&season.lowest_pool),
+            || {
+                stock.decay(
+                    decay,
+                    ground,
+                    &biome.species,
+                    &trunks,
+                    [seed, u64::from(year)],
+                    history,
+                )
+            },
         );
-        self.bury(&dead, &toll, &trunks, &mut figures);
-        self.order_history(first_of_year, &dead, &toll);
+        self.bury(&dead, &toll, &mut figures);
+        self.order_history(first_of_year, toll.felled);
         self.prune();
-        self.tally.died += dead.len() as u64;
         let before = self.community.len();
         self.tally.sprouted += self.community.sprout(season) as u64;
         for species in &self.community.species[before..] {
@@ -178,12 +187,13 @@ impl Forest {
 
     fn grow(&mut self, from: usize, to: usize, losses: &Losses, season: &mut Season) {
         if from < to {
-            let around = Circumstances { downed_logs: &self.downed_log_cells, losses };
+            let around =
+                Circumstances { downed_logs: &self.downed_log_cells, losses: Some(losses) };
             self.community.grow(from..to, &around, season);
         }
     }
 
-    /// Counts the forest, and tells seeds where decaying logs lie.
+    /// Counts the forest, and tells seeds where decaying downed logs lie.
     fn take_stock(&mut self, figures: &YearTally) {
         let (community, stock, biome) = (&self.community, &self.stock, &self.biome);
         let marks = &mut self.downed_log_cells;
@@ -194,7 +204,7 @@ impl Forest {
         self.timeline.extend(rows);
     }
 
-    /// Tells seeds where decaying logs lie.
+    /// Tells seeds where decaying downed logs lie.
     pub(super) fn mark_downed_logs(&mut self) {
         mark_downed_logs(self.community.plot(), &self.stock, &mut self.downed_log_cells);
     }
@@ -229,6 +239,11 @@ impl Forest {
     /// Memory that simulation cells take: the plot, and what lies and stands on it cell by cell.
     pub fn cell_bytes(&self) -> usize {
         self.community.plot().bytes() + self.downed_log_cells.len() + self.ground.bytes()
+    }
+
+    /// Share of the usual rain by month that its soil water comes from.
+    pub fn rain_fraction(&self) -> [f32; MONTHS] {
+        self.rain_fraction
     }
 
     /// Years simulated.
@@ -271,13 +286,13 @@ impl Forest {
     }
 }
 
-/// Marks the cells of a plot that decaying logs lie on.
+/// Marks the cells of a plot that decaying downed logs lie on.
 fn mark_downed_logs(plot: &Plot, stock: &Stock, marks: &mut Vec<bool>) {
     let (rows, cols, cell_m) = (plot.rows, plot.cols, plot.cell_m);
     marks.clear();
     marks.resize(rows * cols, false);
     // bark is off and wood soft from class 3 on
-    for downed_log in stock.downed_logs.iter().filter(|log| log.decay_class() >= 3) {
+    for downed_log in stock.downed_logs.iter().filter(|lying| lying.decay_class() >= 3) {
         downed_log.cells([rows, cols], cell_m, |row, col| marks[row * cols + col] = true);
     }
 }

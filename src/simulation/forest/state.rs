@@ -4,7 +4,7 @@ use super::outbreaks::Outbreak;
 use super::run::Forest;
 use super::tally::Tally;
 use crate::plants::deadwood::{LifeEvent, TimelineRow};
-use crate::simulation::community::CommunityState;
+use crate::simulation::community::{CommunityState, CommunityStateRef};
 use crate::simulation::deadwood::Stock;
 
 /// All that a forest is but its ground, which follows from the scene.
@@ -20,18 +20,31 @@ pub struct State {
     burnt_m2: Vec<(u16, f32)>,
 }
 
+/// A state that is lent, field by field as [`State`]: what is written of one is read as the other.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct StateRef<'a> {
+    community: CommunityStateRef<'a>,
+    stock: &'a Stock,
+    outbreaks: &'a [Outbreak],
+    outbreak_count: u32,
+    history: &'a [LifeEvent],
+    timeline: &'a [TimelineRow],
+    tally: Tally,
+    burnt_m2: &'a [(u16, f32)],
+}
+
 impl Forest {
     /// What it is.
-    pub fn state(&self) -> State {
-        State {
+    pub fn state(&self) -> StateRef<'_> {
+        StateRef {
             community: self.community.state(),
-            stock: self.stock.clone(),
-            outbreaks: self.outbreaks.clone(),
+            stock: &self.stock,
+            outbreaks: &self.outbreaks,
             outbreak_count: self.outbreak_count,
-            history: self.history.clone(),
-            timeline: self.timeline.clone(),
+            history: &self.history,
+            timeline: &self.timeline,
             tally: self.tally,
-            burnt_m2: self.burnt_m2.clone(),
+            burnt_m2: &self.burnt_m2,
         }
     }
 

@@ -1,11 +1,12 @@
 //! A wind storm in a forest: which trees, live and dead, it throws, snaps or strips.
 
-use super::deaths::{Struck, Toll};
+use super::deaths::Struck;
 use super::run::Forest;
+use super::tally::YearTally;
 use crate::plants::deadwood::{Cause, DownedLogKind, LifeEvent, LifeEventKind};
 use crate::rng::{self, Key, Process};
 use crate::simulation::carbon_pool;
-use crate::simulation::community::Season;
+use crate::simulation::community::{DeadPlant, Season};
 use crate::simulation::deadwood::branches::Branches;
 use crate::simulation::deadwood::stock::{FallingStem, Source};
 use crate::simulation::disturbance::storm::{
@@ -13,21 +14,19 @@ use crate::simulation::disturbance::storm::{
 };
 use crate::species::{Leaf, Species};
 
-/// Lowest tree that wind can throw. chosen: what is lower is sheltered by anything and bends.
-const LEAST_HEIGHT_M: f32 = 3.0;
 /// Form factors: volume of a stem over that of a cylinder of its height and breast height diameter. chosen: mid values of
 /// yield tables, which have 0.4–0.5 for conifers and for broadleaved trees.
 const FORM_FACTOR: [f32; 2] = [0.45, 0.48];
 /// Mass of green wood over that of dry wood. Peytavie et al. 2024, section 5.3.2.
 const GREEN_FACTOR: f32 = 1.85;
 /// How far a tree's critical speeds lie from its species', as a share. chosen: roots and wood differ from tree to tree, so that
-/// storms break a third of the trees that they throw.
+/// some stems break before their roots give way.
 const STRENGTH_SPREAD: f32 = 0.25;
 /// Sector around the wind in which trees fall, radians. chosen: gusts veer.
 const GUST_SECTOR_RAD: f32 = 0.35;
 
 impl Forest {
-    /// A storm in a month.
+    /// A storm in a month; gives the trees that it took.
     ///
     /// # Reference
     /// Peytavie et al. 2024, section 5.3.2, Eqs. 14–16.
@@ -39,8 +38,8 @@ impl Forest {
         wind: &WindStorm,
         month: u8,
         season: &mut Season,
-        toll: &mut Toll,
-    ) {
+        figures: &mut YearTally,
+    ) -> Vec<DeadPlant> {
         let canopy_height_m = self.canopy_height_m();
         let surface = StormSurface {
             rows: self.ground.rows,
@@ -53,18 +52,17 @@ impl Forest {
         let speed_m_s = wind.speed_m_s();
         let downwind_rad = wind.fall_azimuth_rad();
         let (seed, year) = (self.seed, self.community.year());
-        let ground = self.ground.clone();
-        let blown = |at: [f32; 2], height_m: f32| {
-            let cell = ground.cell_at(at);
+        let blown = |cell: usize, height_m: f32| {
             let below = storm::below_canopy_fraction(height_m, canopy_height_m[cell]);
             speed_m_s * exposure[cell] * below
         };
-        let draws = |entity: u64, month: u8| {
+        let draws = |entity: u64| {
             rng::uniforms(Key { seed, process: Process::StormDamage, year, month, entity })
         };
-        // a tree's own roots and wood: months after December are no others' draws
+        // a tree's own roots and wood, the same in every storm
         let varied = |speeds: CriticalSpeeds, entity: u64| {
-            let [roots, wood, ..] = draws(entity, month + 12);
+            let process = Process::StemStrength;
+            let [roots, wood, ..] = rng::uniforms(Key { seed, process, year: 0, month: 0, entity });
             let vary = |draw: f32| 1.0 + STRENGTH_SPREAD * (2.0 * draw - 1.0);
             CriticalSpeeds {
                 uproot_m_s: speeds.uproot_m_s * vary(roots),
@@ -74,17 +72,19 @@ impl Forest {
 
         // trees
         let mut broken = Vec::new();
+        let mut struck = vec![Struck::No; self.community.len()];
         for plant in 0..self.community.len() {
             let community = &self.community;
             let height_m = community.height_m[plant];
-            if height_m < LEAST_HEIGHT_M || toll.struck[plant] != Struck::No {
+            if height_m < storm::LEAST_HEIGHT_M {
                 continue;
             }
             let species = self.traits(community.species[plant]).species();
             let speeds = critical_speeds(species, community.dbh_m[plant], height_m, 1.0, true);
             let speeds = varied(speeds, community.id[plant]);
-            let wind_m_s = blown([community.east_m[plant], community.south_m[plant]], height_m);
-            let draws = draws(community.id[plant], month);
+            let at = [community.east_m[plant], community.south_m[plant]];
+            let wind_m_s = blown(self.ground.cell_at(at), height_m);
+            let draws = draws(community.id[plant]);
             let azimuth_rad = downwind_rad + GUST_SECTOR_RAD * (2.0 * draws[3] - 1.0);
             let (kind, severity) = match storm::damage(&speeds, wind_m_s, draws) {
                 StormDamage::None => continue,
@@ -94,11 +94,11 @@ impl Forest {
                 }
                 StormDamage::Snapped { height_fraction } => {
                     let standing_fraction = height_fraction;
-                    toll.struck[plant] = Struck::Snapped { standing_fraction, azimuth_rad, month };
+                    struck[plant] = Struck::Snapped { standing_fraction, azimuth_rad };
                     (LifeEventKind::Snapped, 1.0 - height_fraction)
                 }
                 StormDamage::Uprooted => {
-                    toll.struck[plant] = Struck::Uprooted { azimuth_rad, month };
+                    struck[plant] = Struck::Uprooted { azimuth_rad };
                     (LifeEventKind::Uprooted, 1.0)
                 }
             };
@@ -115,13 +115,16 @@ impl Forest {
         for (plant, fraction) in broken {
             self.break_branches(plant, fraction, season);
         }
+        let is_struck: Vec<bool> = struck.iter().map(|struck| *struck != Struck::No).collect();
+        let felled = self.community.fell(&is_struck);
+        self.lay_down(&felled, &struck, month, figures);
 
         // snags
         let trunks = self.standing_trunks();
         let mut snags = std::mem::take(&mut self.stock.snags);
         let mut is_down = vec![false; snags.len()];
         for (snag, is_down) in snags.iter_mut().zip(&mut is_down) {
-            if snag.height_m < LEAST_HEIGHT_M {
+            if snag.height_m < storm::LEAST_HEIGHT_M || snag.year == year {
                 continue;
             }
             let at = [snag.east_m, snag.south_m];
@@ -129,8 +132,9 @@ impl Forest {
             let strength = snag.density_fraction();
             let speeds = critical_speeds(species, snag.dbh_m, snag.height_m, strength, false);
             let speeds = varied(speeds, snag.id);
-            let draws = draws(snag.id, month);
-            let damage = storm::damage(&speeds, blown(at, snag.height_m), draws);
+            let draws = draws(snag.id);
+            let wind_m_s = blown(self.ground.cell_at(at), snag.height_m);
+            let damage = storm::damage(&speeds, wind_m_s, draws);
             let above_m = match damage {
                 StormDamage::None | StormDamage::Branches { .. } => continue,
                 StormDamage::Snapped { height_fraction } => height_fraction * snag.height_m,
@@ -143,6 +147,7 @@ impl Forest {
                 cause: Cause::Storm,
                 length_m: snag.height_m - above_m,
                 diameter_base_m: snag.diameter_at_m(above_m),
+                diameter_tip_m: snag.diameter_at_m(snag.height_m),
                 azimuth_rad: downwind_rad + GUST_SECTOR_RAD * (2.0 * draws[3] - 1.0),
                 decayed_fraction: snag.decayed_years / snag.deathspan_years,
             };
@@ -160,9 +165,9 @@ impl Forest {
             });
             (snag.height_m, *is_down) = (above_m, above_m == 0.0);
         }
-        let mut stays = is_down.iter().map(|is_down| !is_down);
-        snags.retain(|_| stays.next().expect("one a snag"));
-        self.stock.snags = snags;
+        let standing = snags.into_iter().zip(is_down).filter(|(_, is_down)| !is_down);
+        self.stock.snags = standing.map(|(snag, _)| snag).collect();
+        felled
     }
 
     /// With all its branches a tree loses a full pool and more: it is certain to die.

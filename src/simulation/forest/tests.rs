@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use proptest::prelude::*;
 
 use super::run::{Forest, Site};
-use super::state::State;
+use super::state::{State, StateRef};
 use crate::abiotics::{self, AbioticMaps};
 use crate::math;
 use crate::plants::deadwood::{Cause, DownedLogKind, LifeEvent, LifeEventKind};
@@ -152,7 +152,7 @@ fn live(forest: &mut Forest, events: &[Event], to_year: u16) {
     }
 }
 
-fn bytes(state: &State) -> Vec<u8> {
+fn bytes(state: &StateRef<'_>) -> Vec<u8> {
     postcard::to_stdvec(state).unwrap()
 }
 
