@@ -240,11 +240,13 @@ pub enum LifeEventKind {
     SnagSnapped,
     /// Its dead stem fell from the stump.
     SnagFell,
+    /// Too little rain drew on its reserves; severity is the share of a full pool that was gone at the worst.
+    Parched,
 }
 
 impl LifeEventKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Present,
         Self::Sprouted,
         Self::Infected,
@@ -256,6 +258,7 @@ impl LifeEventKind {
         Self::Died,
         Self::SnagSnapped,
         Self::SnagFell,
+        Self::Parched,
     ];
 
     /// The kind's name in files.
@@ -272,6 +275,7 @@ impl LifeEventKind {
             Self::Died => "died",
             Self::SnagSnapped => "snag-snapped",
             Self::SnagFell => "snag-fell",
+            Self::Parched => "parched",
         }
     }
 }

@@ -16,6 +16,9 @@ use crate::simulation::deadwood::stock::{FallingStem, Source, YEARS_END};
 /// in two centuries.
 const PRUNED_FRACTION_PER_YEAR: f32 = 0.005;
 
+/// Least share of its reserves that a dry year takes of a plant which counts as parched. chosen: half.
+const LEAST_PARCHED: f32 = 0.5;
+
 /// What a storm did to a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Struck {
@@ -179,6 +182,29 @@ impl Forest {
             severity: plant.death_probability_per_year,
             cause,
         });
+    }
+
+    /// Records whose reserves a dry year drew on, in its driest month: plants as high as a breast.
+    pub(super) fn record_drought(&mut self, season: &Season) {
+        let rain = self.rain_fraction;
+        let driest = (0..rain.len()).min_by(|a, b| rain[*a].total_cmp(&rain[*b])).unwrap_or(0);
+        if rain[driest] >= 1.0 {
+            return;
+        }
+        let (community, year) = (&self.community, self.community.year());
+        for (plant, lowest) in season.lowest_pool.iter().enumerate() {
+            let severity = 1.0 - (lowest / community.pool_capacity(plant)).clamp(0.0, 1.0);
+            if community.height_m[plant] >= RECORDED_HEIGHT_M && severity >= LEAST_PARCHED {
+                self.history.push(LifeEvent {
+                    plant_id: community.id[plant],
+                    year,
+                    month: driest as u8 + 1, // 1–12
+                    kind: LifeEventKind::Parched,
+                    severity,
+                    cause: Cause::Drought,
+                });
+            }
+        }
     }
 
     /// Puts the year's events in the order of time, without diseases of trees that a storm had taken before.

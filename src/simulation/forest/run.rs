@@ -158,6 +158,7 @@ impl Forest {
         self.grow(month, MONTHS, &losses, &mut season);
 
         // the year's end
+        self.record_drought(&season);
         let trunks = self.standing_trunks();
         let Self { community, stock, ground, history, .. } = self;
         let (biome, decay, seed) = (&self.biome, &self.decay, self.seed);

@@ -73,7 +73,7 @@ impl Forest {
         // trees
         let mut broken = Vec::new();
         let mut struck = vec![Struck::No; self.community.len()];
-        for plant in 0..self.community.len() {
+        for (plant, struck) in struck.iter_mut().enumerate() {
             let community = &self.community;
             let height_m = community.height_m[plant];
             if height_m < storm::LEAST_HEIGHT_M {
@@ -94,11 +94,11 @@ impl Forest {
                 }
                 StormDamage::Snapped { height_fraction } => {
                     let standing_fraction = height_fraction;
-                    struck[plant] = Struck::Snapped { standing_fraction, azimuth_rad };
+                    *struck = Struck::Snapped { standing_fraction, azimuth_rad };
                     (LifeEventKind::Snapped, 1.0 - height_fraction)
                 }
                 StormDamage::Uprooted => {
-                    struck[plant] = Struck::Uprooted { azimuth_rad };
+                    *struck = Struck::Uprooted { azimuth_rad };
                     (LifeEventKind::Uprooted, 1.0)
                 }
             };

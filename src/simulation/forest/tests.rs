@@ -277,7 +277,7 @@ fn no_plant_is_lost_and_nothing_dead_lives_or_grows() {
     assert!(forest.stock.snags.len() > 30 && forest.stock.downed_logs.len() > 30);
     assert!(forest.burnt_m2().len() == 2 && forest.burnt_m2()[0].1 > 1000.0);
     let happened: BTreeSet<LifeEventKind> = forest.history.iter().map(|event| event.kind).collect();
-    let missing = LifeEventKind::ALL[2..].iter().filter(|kind| !happened.contains(kind));
+    let missing = LifeEventKind::ALL[2..11].iter().filter(|kind| !happened.contains(kind));
     assert_eq!(missing.collect::<Vec<_>>(), [] as [&LifeEventKind; 0]);
     assert!(DownedLogKind::ALL.iter().all(|kind| kinds.iter().any(|(k, _)| k == kind)));
 }
@@ -511,6 +511,12 @@ fn drought_kills_and_is_named() {
     assert!(trees(&dry) + 10 < trees(&usual), "{} {}", trees(&dry), trees(&usual));
     assert_eq!((deaths(&usual, Cause::Drought), deaths(&dry, Cause::Competition)), (0, 0));
     assert!(deaths(&dry, Cause::Drought) > 20, "{}", deaths(&dry, Cause::Drought));
+    let parched = |forest: &Forest| {
+        let of = forest.history().iter().filter(|event| event.kind == LifeEventKind::Parched);
+        of.map(|event| event.severity).collect::<Vec<_>>()
+    };
+    assert!(parched(&usual).is_empty() && parched(&dry).len() > 10);
+    assert!(parched(&dry).iter().all(|severity| (0.5..=1.0).contains(severity)));
     // the rain comes back
     dry.set_moisture(frame, &maps.moisture_mm, [1.0; MONTHS]);
     let before = deaths(&dry, Cause::Drought);
