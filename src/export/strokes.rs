@@ -34,7 +34,7 @@ pub struct Touch {
 }
 
 /// Coverage of a pixel by its distance inside an edge, in pixels.
-fn edge(inside_px: f32) -> f32 {
+pub fn edge(inside_px: f32) -> f32 {
     (inside_px + 0.5).clamp(0.0, 1.0)
 }
 

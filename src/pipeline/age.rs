@@ -18,7 +18,7 @@ use crate::scene::{self, Manifest, Transaction};
 use crate::simulation::deadwood::DecayParameters;
 use crate::simulation::disturbance::schedule::{self, Schedule};
 use crate::simulation::disturbance::{Disturbance, Event};
-use crate::simulation::forest::{Forest, Site};
+use crate::simulation::forest::{Forest, RECORDED_HEIGHT_M, Site};
 use crate::simulation::{Parameters, Plot};
 use crate::species::{Biome, Climate};
 use crate::terrain::Terrain;
@@ -324,7 +324,7 @@ fn resume(
     folder: &Path,
     key: &str,
     years: u16,
-    bare: Forest,
+    mut bare: Forest,
     plants: &Plants,
     frame: &Frame,
     reporter: &Reporter,
@@ -337,9 +337,9 @@ fn resume(
     let fits = |state: &Checkpoint| state.key == key && state.year() <= years;
     let latest = states.into_iter().filter(fits).max_by_key(Checkpoint::year);
     if let Some(checkpoint) = latest
-        && let Some(forest) = bare.clone().with_state(checkpoint.state)
+        && bare.set_state(checkpoint.state)
     {
-        return (forest, checkpoint.growth);
+        return (bare, checkpoint.growth);
     }
     if let Some(most_years) = most_years {
         let text = format!(
@@ -367,7 +367,9 @@ fn record_growth(forest: &Forest, of: &GrowthOf, growth: &mut Vec<GrowthRecord>)
     match of {
         GrowthOf::None => {}
         GrowthOf::All => {
-            (0..community.len()).filter(|p| community.height_m[*p] >= 1.3).for_each(record);
+            (0..community.len())
+                .filter(|p| community.height_m[*p] >= RECORDED_HEIGHT_M)
+                .for_each(record);
         }
         GrowthOf::Plants(ids) => {
             let mut ids = ids.clone();

@@ -11,7 +11,7 @@ use super::age::Ground;
 use super::age_files;
 use super::import::{self, ImportRequest};
 use crate::export::{preview, timeline};
-use crate::plants::deadwood::{LifeEventKind, TimelineRow};
+use crate::plants::deadwood::{LifeEvent, LifeEventKind, TimelineRow};
 use crate::progress::Reporter;
 use crate::raster::MONTHS;
 use crate::simulation::Parameters;
@@ -20,6 +20,7 @@ use crate::simulation::disturbance::schedule;
 use crate::simulation::disturbance::{Disturbance, Event};
 use crate::simulation::ecology::Finding;
 use crate::simulation::forest::Forest;
+use crate::simulation::plot::GroundCell;
 use crate::species::Biome;
 
 /// Terrain in the folder.
@@ -214,7 +215,7 @@ fn of_undisturbed(forest: &Forest, biome: &Biome) -> Vec<Finding> {
 fn by_place(forest: &Forest, biome: &Biome) -> Vec<Finding> {
     let community = forest.community();
     let plot = community.plot();
-    let mean = |key: &str, of: fn(&crate::simulation::plot::GroundCell) -> f64| {
+    let mean = |key: &str, of: fn(&GroundCell) -> f64| {
         let species = biome.species_index(key);
         let (mut total, mut weight) = (0.0, 0.0);
         for plant in 0..community.len() {
@@ -227,10 +228,9 @@ fn by_place(forest: &Forest, biome: &Biome) -> Vec<Finding> {
         }
         total / f64::max(weight, 1e-9)
     };
-    let moisture_mm = |ground: &crate::simulation::plot::GroundCell| {
-        f64::from(ground.moisture_mm.iter().sum::<f32>()) / MONTHS as f64
-    };
-    let slope = |ground: &crate::simulation::plot::GroundCell| f64::from(ground.slope_rad);
+    let moisture_mm =
+        |ground: &GroundCell| f64::from(ground.moisture_mm.iter().sum::<f32>()) / MONTHS as f64;
+    let slope = |ground: &GroundCell| f64::from(ground.slope_rad);
     vec![
         Finding {
             name: "Gresolet, places: soil water under beech over that under pine, by basal area (Fig. 21)",
@@ -278,7 +278,7 @@ fn of_disease(forest: &Forest, events: &[Event]) -> Vec<Finding> {
     let first = events.iter().find(|event| matches!(event.what, Disturbance::Disease(_)));
     let Some(first) = first.map(|event| event.year) else { return Vec::new() };
     let infected = |years: std::ops::Range<u16>| {
-        let of = |event: &&crate::plants::deadwood::LifeEvent| {
+        let of = |event: &&LifeEvent| {
             event.kind == LifeEventKind::Infected && years.contains(&event.year)
         };
         forest.history().iter().filter(of).count() as f64 / years.len() as f64

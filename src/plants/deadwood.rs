@@ -207,10 +207,14 @@ impl DownedLogs {
 
     /// Volume of a log when it came down, m³: a straight taper between its ends, as long as it is on the map.
     pub fn volume_m3(&self, i: usize) -> f64 {
-        let [base_m, tip_m] = [self.diameter_base_m[i], self.diameter_tip_m[i]].map(f64::from);
-        let squares_m2 = base_m * base_m + base_m * tip_m + tip_m * tip_m;
-        std::f64::consts::PI / 12.0 * f64::from(self.length_m[i]) * squares_m2
+        frustum_m3(self.length_m[i], self.diameter_base_m[i], self.diameter_tip_m[i])
     }
+}
+
+/// Volume in m³ of a truncated cone by its length and the diameters of its ends, m.
+pub fn frustum_m3(length_m: f32, base_m: f32, tip_m: f32) -> f64 {
+    let [length_m, base_m, tip_m] = [length_m, base_m, tip_m].map(f64::from);
+    std::f64::consts::PI / 12.0 * length_m * (base_m * base_m + base_m * tip_m + tip_m * tip_m)
 }
 
 /// Something that happened to a plant.

@@ -5,7 +5,7 @@ use super::plan::View;
 use super::variety::{self, clumps, speck, unit};
 use crate::export::deadwood_layer::{downed_log_color, lowest_first};
 use crate::export::relief::lit;
-use crate::export::strokes::{Ends, Stroke};
+use crate::export::strokes::{Ends, Stroke, edge};
 use crate::math::{cos, sin};
 use crate::plants::deadwood::{Deadwood, DownedLogKind, DownedLogs, Snags};
 use crate::species::{Biome, Species};
@@ -38,11 +38,6 @@ const HAZE: [f32; 3] = [244.0, 244.0, 240.0];
 const BREAST_HEIGHT_M: f32 = 1.3;
 /// A stem shorter than this share of what it was is broken.
 const WHOLE_FRACTION: f32 = 0.98;
-
-/// Coverage of a pixel by its distance inside an edge, in pixels.
-fn edge(inside_px: f32) -> f32 {
-    (inside_px + 0.5).clamp(0.0, 1.0)
-}
 
 /// Texture of bark, −1..=1, at a place along and across a stem in pixels: streaks along it.
 fn bark(seed: u32, along: f32, across: f32) -> f32 {

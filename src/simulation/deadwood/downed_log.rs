@@ -2,7 +2,7 @@
 
 use super::decay;
 use crate::math;
-use crate::plants::deadwood::{Cause, DownedLogKind};
+use crate::plants::deadwood::{Cause, DownedLogKind, frustum_m3};
 
 /// Wood on the ground. Places are metres from the plot's north-west corner.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -64,8 +64,8 @@ impl DownedLog {
 
     /// Volume when it came down, m³: that of a truncated cone.
     pub fn volume_m3(&self) -> f32 {
-        let (base, tip) = (self.diameter_base_m, self.diameter_tip_m);
-        std::f32::consts::PI / 12.0 * self.length_m * (base * base + base * tip + tip * tip)
+        // a tree's volume: far within f32
+        frustum_m3(self.length_m, self.diameter_base_m, self.diameter_tip_m) as f32
     }
 
     /// Its middle, metres east and south.

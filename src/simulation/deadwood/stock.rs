@@ -54,6 +54,30 @@ pub struct FallingStem {
     pub decayed_fraction: f32,
 }
 
+/// Branches that come down.
+#[derive(Clone, Copy, Debug)]
+pub struct FallingBranches {
+    /// How many.
+    pub number: u32,
+    /// What brings them down.
+    pub cause: Cause,
+    /// Share of their deathspan that lies behind them.
+    pub decayed_fraction: f32,
+}
+
+/// What wood decays in.
+#[derive(Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// How fast it decays.
+    pub parameters: &'a DecayParameters,
+    /// Where.
+    pub ground: &'a (dyn Ground + Sync),
+    /// The biome's species.
+    pub species: &'a [Species],
+    /// Trunks that stems fall between.
+    pub trunks: &'a StandingTrunks,
+}
+
 /// Which plant wood comes from.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
@@ -136,18 +160,16 @@ impl Stock {
         &mut self,
         source: &Source,
         branches: &Branches,
-        number: u32,
-        [cause_year, decayed_fraction]: [f32; 2],
-        cause: Cause,
+        falling: &FallingBranches,
+        year: u16,
         seed: u64,
     ) {
         if branches.diameter_m < LEAST_DIAMETER_M {
             return;
         }
-        let year = cause_year as u16; // a whole year
         let full_years =
             decay::deathspan_years(source.species.decay.deathspan_years, branches.diameter_m);
-        for _ in 0..number {
+        for _ in 0..falling.number {
             let key =
                 Key { seed, process: Process::FallingBranch, year, month: 0, entity: self.next_id };
             let [around, away, turn, length] = rng::uniforms(key);
@@ -165,10 +187,10 @@ impl Stock {
                 diameter_base_m: branches.diameter_m,
                 diameter_tip_m: TIP_FRACTION * branches.diameter_m,
                 azimuth_rad: math::atan2(math::sin(turn_rad), math::cos(turn_rad)),
-                decayed_years: decayed_fraction * full_years,
+                decayed_years: falling.decayed_fraction * full_years,
                 deathspan_years: full_years,
                 year,
-                cause,
+                cause: falling.cause,
             });
             self.next_id += 1;
         }
@@ -181,14 +203,12 @@ impl Stock {
     /// Peytavie et al. 2024, section 5.2.
     pub fn decay(
         &mut self,
-        parameters: &DecayParameters,
-        ground: &(dyn Ground + Sync),
-        species: &[Species],
-        trunks: &StandingTrunks,
-        [seed, year]: [u64; 2],
+        around: &Surroundings,
+        seed: u64,
+        year: u16,
         history: &mut Vec<LifeEvent>,
     ) {
-        let year = year as u16; // a year of the simulation
+        let Surroundings { parameters, ground, species, trunks } = *around;
         for downed_log in &mut self.downed_logs {
             let viability = ground.viability([downed_log.east_m, downed_log.south_m]);
             downed_log.age(viability * parameters.downed_log_years_per_year);
@@ -204,9 +224,10 @@ impl Stock {
             let fallen = snag.age(years, species, [snap, stump, roots]);
             let decayed_fraction = snag.decayed_years / snag.deathspan_years;
             if fallen.branches > 0 {
-                let when = [f32::from(year), decayed_fraction];
                 let branches = snag.branches(species);
-                self.lay_branches(&source, &branches, fallen.branches, when, Cause::Decay, seed);
+                let (number, cause) = (fallen.branches, Cause::Decay);
+                let falling = FallingBranches { number, cause, decayed_fraction };
+                self.lay_branches(&source, &branches, &falling, year, seed);
             }
             let Some(above_m) = fallen.stem_above_m else { continue };
             let [slope_rad, downhill_rad] = ground.slope(at);

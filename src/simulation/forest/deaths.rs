@@ -2,15 +2,14 @@
 
 use rayon::prelude::*;
 
-use super::fuel::RECORDED_HEIGHT_M;
 use super::run::Forest;
-use super::tally::{LEAST_DBH_M, YearTally};
+use super::tally::{LEAST_DBH_M, RECORDED_HEIGHT_M, YearTally};
 use crate::plants::deadwood::{Cause, DownedLogKind, LifeEvent, LifeEventKind};
 use crate::rng::{self, Key, Process};
 use crate::simulation::community::{DeadPlant, Losses, Season};
 use crate::simulation::deadwood::branches::Branches;
 use crate::simulation::deadwood::downed_log::LEAST_DIAMETER_M;
-use crate::simulation::deadwood::stock::{FallingStem, Source, YEARS_END};
+use crate::simulation::deadwood::stock::{FallingBranches, FallingStem, Source, YEARS_END};
 
 /// Share of its primary branches that a wholly shaded tree gives up in a year. chosen: a crown that rises by its own length
 /// in two centuries.
@@ -248,8 +247,9 @@ impl Forest {
             let species = community.traits(index).species();
             let at = [community.east_m[plant], community.south_m[plant]];
             let source = Source { id: community.id[plant], index, species, at };
-            let (branches, when) = (branches_of(plant), [f32::from(year), 0.0]);
-            self.stock.lay_branches(&source, &branches, 1, when, Cause::SelfPruning, seed);
+            let falling =
+                FallingBranches { number: 1, cause: Cause::SelfPruning, decayed_fraction: 0.0 };
+            self.stock.lay_branches(&source, &branches_of(plant), &falling, year, seed);
         }
     }
 }

@@ -5,6 +5,7 @@
 
 use super::deaths::Toll;
 use super::run::Forest;
+use super::tally::RECORDED_HEIGHT_M;
 use crate::plants::deadwood::{Cause, LifeEvent, LifeEventKind};
 use crate::simulation::carbon_pool;
 use crate::simulation::community::Season;
@@ -17,7 +18,7 @@ const LIVE_MOISTURE_PERCENT: [f32; 2] = [3.5, 19.0];
 /// The same of sound deadwood on ground as dry as it gets, and on ground as wet as usual. chosen: with both, fires of the authors'
 /// script on Gresolet burn more than twice as much after its drought as without.
 const DEAD_MOISTURE_PERCENT: [f32; 2] = [2.5, 15.0];
-/// What rotten wood holds more than sound wood, percent.
+/// What rotten wood holds more than sound wood, percent. chosen: it soaks up as much again.
 const ROTTEN_MOISTURE_PERCENT: f32 = 15.0;
 /// Volume of dead wood on a m² that burns as well as a closed crown does, m. chosen: 200 m³/ha, an old-growth forest's.
 const FULL_DEADWOOD_M: f32 = 0.02;
@@ -175,15 +176,16 @@ impl Forest {
             let cell = ground.cell_at([snag.east_m, snag.south_m]);
             add_dead(cell, volume_m3, snag.density_fraction(), vegetation_of(snag.species));
         }
+        let mut cells = Vec::new();
         for downed_log in &self.stock.downed_logs {
-            let mut cells = Vec::new();
+            cells.clear();
             downed_log.cells([ground.rows, ground.cols], ground.cell_m, |row, col| {
                 cells.push(row * ground.cols + col);
             });
             let part_m3 = downed_log.volume_m3() / cells.len().max(1) as f32;
             let (density, vegetation) =
                 (downed_log.density_fraction(), vegetation_of(downed_log.species));
-            cells.into_iter().for_each(|cell| add_dead(cell, part_m3, density, vegetation));
+            cells.iter().for_each(|cell| add_dead(*cell, part_m3, density, vegetation));
         }
         loads
             .into_iter()
@@ -200,6 +202,3 @@ impl Forest {
             .collect()
     }
 }
-
-/// Least height of plants whose burns and infections are recorded: breast height.
-pub(super) const RECORDED_HEIGHT_M: f32 = 1.3;

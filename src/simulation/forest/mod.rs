@@ -21,4 +21,4 @@ mod tests;
 
 pub use run::{Forest, Site};
 pub use state::{State, StateRef};
-pub use tally::Tally;
+pub use tally::{RECORDED_HEIGHT_M, Tally};

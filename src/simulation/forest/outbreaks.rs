@@ -1,8 +1,8 @@
 //! Diseases in a forest: who is ill, month by month, and what that takes of reserves.
 
 use super::deaths::Toll;
-use super::fuel::RECORDED_HEIGHT_M;
 use super::run::Forest;
+use super::tally::RECORDED_HEIGHT_M;
 use crate::plants::deadwood::{Cause, LifeEvent, LifeEventKind};
 use crate::simulation::community::Losses;
 use crate::simulation::disturbance::disease::{self, Disease, Health, Hosts};

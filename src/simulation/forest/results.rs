@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::fuel::RECORDED_HEIGHT_M;
 use super::run::Forest;
+use super::tally::RECORDED_HEIGHT_M;
 use crate::plants::deadwood::{Cause, Deadwood, DownedLogs, LifeEvent, LifeEventKind, Snags};
 use crate::plants::{Layer, Plants};
 use crate::raster::Grid;

@@ -9,6 +9,7 @@ use crate::plants::deadwood::{LifeEvent, TimelineRow};
 use crate::raster::{Frame, Grid, MONTHS, MonthlyGrid};
 use crate::simulation::community::{Circumstances, Losses, Season};
 use crate::simulation::deadwood::falling::StandingTrunks;
+use crate::simulation::deadwood::stock::Surroundings;
 use crate::simulation::deadwood::{DecayParameters, Stock};
 use crate::simulation::disturbance::{Disturbance, Event};
 use crate::simulation::traits::Traits;
@@ -161,19 +162,15 @@ impl Forest {
         self.record_drought(&season);
         let trunks = self.standing_trunks();
         let Self { community, stock, ground, history, .. } = self;
-        let (biome, decay, seed) = (&self.biome, &self.decay, self.seed);
+        let around = Surroundings {
+            parameters: &self.decay,
+            ground,
+            species: &self.biome.species,
+            trunks: &trunks,
+        };
         let (dead, ()) = rayon::join(
             || community.die(&season.lowest_pool),
-            || {
-                stock.decay(
-                    decay,
-                    ground,
-                    &biome.species,
-                    &trunks,
-                    [seed, u64::from(year)],
-                    history,
-                )
-            },
+            || stock.decay(&around, self.seed, year, history),
         );
         self.bury(&dead, &toll, &mut figures);
         self.order_history(first_of_year, toll.felled);

@@ -48,13 +48,14 @@ impl Forest {
         }
     }
 
-    /// Goes on from a state on the same ground; none if it is damaged or of another biome.
-    pub fn with_state(mut self, state: State) -> Option<Self> {
+    /// Goes on from a state on the same ground; gives whether it can: not if it is damaged or of another biome.
+    pub fn set_state(&mut self, state: State) -> bool {
         let is_known = |species: &u16| usize::from(*species) < self.biome.species.len();
         let wood = state.stock.snags.iter().map(|snag| &snag.species);
-        let all = wood.chain(state.stock.downed_logs.iter().map(|downed_log| &downed_log.species));
-        if !all.into_iter().all(is_known) || !self.community.set_state(state.community) {
-            return None;
+        let mut all =
+            wood.chain(state.stock.downed_logs.iter().map(|downed_log| &downed_log.species));
+        if !all.all(is_known) || !self.community.set_state(state.community) {
+            return false;
         }
         self.stock = state.stock;
         self.outbreaks = state.outbreaks;
@@ -64,6 +65,6 @@ impl Forest {
         self.tally = state.tally;
         self.burnt_m2 = state.burnt_m2;
         self.mark_downed_logs();
-        Some(self)
+        true
     }
 }

@@ -8,7 +8,7 @@ use crate::rng::{self, Key, Process};
 use crate::simulation::carbon_pool;
 use crate::simulation::community::{DeadPlant, Season};
 use crate::simulation::deadwood::branches::Branches;
-use crate::simulation::deadwood::stock::{FallingStem, Source};
+use crate::simulation::deadwood::stock::{FallingBranches, FallingStem, Source};
 use crate::simulation::disturbance::storm::{
     self, CriticalSpeeds, StemWood, StormDamage, StormSurface, WindStorm,
 };
@@ -124,11 +124,12 @@ impl Forest {
         let mut snags = std::mem::take(&mut self.stock.snags);
         let mut is_down = vec![false; snags.len()];
         for (snag, is_down) in snags.iter_mut().zip(&mut is_down) {
+            // those of this year are what this storm, or one before it, left standing
             if snag.height_m < storm::LEAST_HEIGHT_M || snag.year == year {
                 continue;
             }
             let at = [snag.east_m, snag.south_m];
-            let species = self.traits(snag.species).species();
+            let species = &self.biome.species[usize::from(snag.species)];
             let strength = snag.density_fraction();
             let speeds = critical_speeds(species, snag.dbh_m, snag.height_m, strength, false);
             let speeds = varied(speeds, snag.id);
@@ -140,8 +141,7 @@ impl Forest {
                 StormDamage::Snapped { height_fraction } => height_fraction * snag.height_m,
                 StormDamage::Uprooted => 0.0,
             };
-            let species = species.clone();
-            let source = Source { id: snag.id, index: snag.species, species: &species, at };
+            let source = Source { id: snag.id, index: snag.species, species, at };
             let stem = FallingStem {
                 kind: if above_m > 0.0 { DownedLogKind::Top } else { DownedLogKind::Uprooted },
                 cause: Cause::Storm,
@@ -179,14 +179,17 @@ impl Forest {
         *pool = (*pool - loss).max(carbon_pool::LOWEST);
         season.lowest_pool[plant] = season.lowest_pool[plant].min(*pool);
         let index = community.species[plant];
-        let species = self.biome.species[usize::from(index)].clone();
+        let species = &self.biome.species[usize::from(index)];
         let branches =
-            Branches::of(&species, community.dbh_m[plant], community.crown_radius_m[plant]);
+            Branches::of(species, community.dbh_m[plant], community.crown_radius_m[plant]);
         let at = [community.east_m[plant], community.south_m[plant]];
-        let source = Source { id: community.id[plant], index, species: &species, at };
-        let number = (branches.count * fraction) as u32; // some dozens
-        let when = [f32::from(year), 0.0];
-        self.stock.lay_branches(&source, &branches, number, when, Cause::Storm, seed);
+        let source = Source { id: community.id[plant], index, species, at };
+        let falling = FallingBranches {
+            number: (branches.count * fraction) as u32, // some dozens
+            cause: Cause::Storm,
+            decayed_fraction: 0.0,
+        };
+        self.stock.lay_branches(&source, &branches, &falling, year, seed);
     }
 
     /// Height of the tallest plant or snag over each ground cell, 0 where there is none.

@@ -9,6 +9,9 @@ use crate::species::Biome;
 /// Least stem that counts in basal areas. Peytavie et al. 2024, section 7.2: 7.5 cm.
 pub const LEAST_DBH_M: f32 = 0.075;
 
+/// Least height of live plants whose histories and growth are recorded: breast height.
+pub const RECORDED_HEIGHT_M: f32 = 1.3;
+
 /// Plants that came and went since a simulation began: what lives is the difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Tally {

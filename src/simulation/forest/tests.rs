@@ -305,7 +305,8 @@ fn a_stored_forest_goes_on_as_if_it_had_not_stopped() {
     live(&mut first, &events, 15);
     assert!(!first.outbreaks.is_empty());
     let stored: State = postcard::from_bytes(&bytes(&first.state())).unwrap();
-    let mut second = bare(3).with_state(stored).unwrap();
+    let mut second = bare(3);
+    assert!(second.set_state(stored));
     live(&mut second, &events, 30);
     assert!(bytes(&at_once.state()) == bytes(&second.state()));
 }
