@@ -22,4 +22,5 @@ pub mod scene;
 pub mod simulation;
 pub mod species;
 pub mod terrain;
+pub mod tree;
 pub mod undergrowth;

@@ -2,7 +2,8 @@
 //!
 //! Reading order: [`preview`] (a map sheet as PNG), its parts [`layout`], [`relief`], [`ramp`], [`rivers`], [`scale`],
 //! [`fit`]; of forests [`crown_layer`], [`deadwood_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
-//! from the side); [`timeline`] (its years) with [`chart`]; and what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`].
+//! from the side); [`timeline`] (its years) with [`chart`]; what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`]. Of 3D formats:
+//! [`instances`].
 
 pub mod canvas;
 pub mod chart;
@@ -11,6 +12,7 @@ pub mod crown_layer;
 pub mod deadwood_layer;
 pub mod fit;
 pub mod furniture;
+pub mod instances;
 pub mod layout;
 pub mod lettering;
 pub mod preview;
