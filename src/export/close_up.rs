@@ -240,8 +240,8 @@ impl Pen {
             "looking north   ·   {length} m long{more}, {depth} m deep   ·   true scale   ·   canopy trees: {trees}, undergrowth: {low}"
         );
         if site.deadwood.is_some() {
-            let [snags, logs] = transect.dead_counts();
-            facts += &format!(", snags: {snags}, downed logs: {logs}");
+            let [snags, downed_logs] = transect.dead_counts();
+            facts += &format!(", snags: {snags}, downed logs: {downed_logs}");
         }
         let after = x + self.lettering.width_px(name, CAPTION) as u32 + 12;
         self.text(after, y, Align::Left, &facts, UNIT);
@@ -260,7 +260,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::export::deadwood_layer::tests::{logs, snags};
+    use crate::export::deadwood_layer::tests::{downed_logs, snags};
     use crate::plants::Layer;
     use crate::raster::Mask;
 
@@ -408,7 +408,7 @@ mod tests {
         let east = std::f32::consts::FRAC_PI_2;
         // across the middle of the western half; a snag in the strip of the eastern half
         let deadwood = Deadwood {
-            downed_logs: logs(&[(75.0, 115.0, 20.0, 1.0, east, 1)]),
+            downed_logs: downed_logs(&[(75.0, 115.0, 20.0, 1.0, east, 1)]),
             snags: snags(&[(115.0, 100.0, 20.0, 30.0, 0.8, 0.6, 3)]),
         };
         let draw = |deadwood| draw_dead(&terrain, &plants, Some(deadwood), "100,100,60").unwrap();

@@ -1,7 +1,7 @@
 //! Deadwood from above: downed logs as lines in their length, snags as dots, as a layer to lay over a map.
 //!
-//! On a map of a square kilometre most logs are thinner than a pixel. Each is drawn one pixel wide and the paler for it,
-//! so that what a storm laid down side by side reads as grain, and no log hides the map.
+//! On a map of a square kilometre most downed logs are thinner than a pixel. Each is drawn one pixel wide and the paler for it,
+//! so that what a storm laid down side by side reads as grain, and no downed log hides the map.
 
 use super::ramp::Rgb;
 use super::strokes::{Ends, Stroke};
@@ -16,7 +16,7 @@ const DOWNED_LOG_COLORS: [[f32; 3]; 5] = [
     [164.0, 128.0, 92.0],
     [190.0, 162.0, 130.0],
 ];
-/// What of a pixel logs cover at most, by decay class. chosen: rotten ones fade into the ground.
+/// What of a pixel downed logs cover at most, by decay class. chosen: rotten ones fade into the ground.
 const DOWNED_LOG_ALPHA: [f32; 5] = [0.95, 0.85, 0.7, 0.55, 0.4];
 /// Snags: their middle, and the rim that sets them off crowns.
 const SNAG: [f32; 3] = [232.0, 232.0, 230.0];
@@ -31,7 +31,7 @@ const LEAST_SHOWN_DBH_M: f32 = 0.1;
 const LEAST_SHOWN_M: f32 = 2.5;
 /// Rim of a snag's dot.
 const RIM_PX: f32 = 0.8;
-/// What crowns over it leave of a log's line. chosen: logs shine through, gaps are where they stand out.
+/// What crowns over it leave of a downed log's line. chosen: downed logs shine through, gaps are where they stand out.
 const UNDER_CROWNS: f32 = 0.6;
 
 /// Colour of a downed log by its decay class.
@@ -45,9 +45,9 @@ fn step(decay_class: u8) -> usize {
 }
 
 /// Downed logs from the most decayed to the freshest, which lie on top.
-pub fn lowest_first(logs: &DownedLogs, some: impl Iterator<Item = usize>) -> Vec<usize> {
+pub fn lowest_first(downed_logs: &DownedLogs, some: impl Iterator<Item = usize>) -> Vec<usize> {
     let mut order: Vec<usize> = some.collect();
-    order.sort_by_key(|&i| (std::cmp::Reverse(logs.decay_class[i]), logs.id[i]));
+    order.sort_by_key(|&i| (std::cmp::Reverse(downed_logs.decay_class[i]), downed_logs.id[i]));
     order
 }
 
@@ -100,21 +100,22 @@ impl DeadwoodLayer {
 
     fn downed_log(
         &mut self,
-        logs: &DownedLogs,
+        downed_logs: &DownedLogs,
         i: usize,
         place: impl Fn([f32; 2]) -> [f32; 2],
         px_per_m: f32,
         crowns: &[f32],
     ) {
-        let widths = [logs.diameter_base_m[i], logs.diameter_tip_m[i]].map(|d| d * px_per_m);
+        let widths =
+            [downed_logs.diameter_base_m[i], downed_logs.diameter_tip_m[i]].map(|d| d * px_per_m);
         let stroke = Stroke {
-            from: place([logs.east_m[i], logs.north_m[i]]),
-            to: place(logs.thin_end_m(i)),
+            from: place([downed_logs.east_m[i], downed_logs.north_m[i]]),
+            to: place(downed_logs.thin_end_m(i)),
             half_width: widths.map(|width| 0.5 * width.max(1.0)),
             ends: Ends::Square,
         };
-        let step = step(logs.decay_class[i]);
-        // a log half as wide as its line is 0.7 as strong, not half: few would be seen
+        let step = step(downed_logs.decay_class[i]);
+        // a downed log half as wide as its line is 0.7 as strong, not half: few would be seen
         let thin = (0.5 * (widths[0] + widths[1])).clamp(0.0, 1.0).sqrt();
         self.lay(&stroke, DOWNED_LOG_COLORS[step], |pixel| {
             DOWNED_LOG_ALPHA[step] * thin * (1.0 - (1.0 - UNDER_CROWNS) * crowns[pixel])
@@ -152,7 +153,7 @@ impl DeadwoodLayer {
     }
 }
 
-/// Colours of a legend: a snag's rim and middle, a fresh log.
+/// Colours of a legend: a snag's rim and middle, a fresh downed log.
 pub const LEGEND: [Rgb; 3] = [[62, 62, 66], [232, 232, 230], [70, 40, 22]];
 
 #[cfg(test)]
@@ -161,30 +162,30 @@ pub(crate) mod tests {
     use crate::plants::deadwood::{Cause, DownedLogKind};
 
     /// Logs of a scene: thick end east and north, length, thick diameter, azimuth, decay class.
-    pub fn logs(some: &[(f32, f32, f32, f32, f32, u8)]) -> DownedLogs {
-        let mut logs = DownedLogs::default();
+    pub fn downed_logs(some: &[(f32, f32, f32, f32, f32, u8)]) -> DownedLogs {
+        let mut downed_logs = DownedLogs::default();
         for (id, &(east_m, north_m, length_m, diameter_m, azimuth_rad, class)) in (0..).zip(some) {
-            logs.id.push(id);
-            logs.parent_id.push(id);
-            logs.species.push(14);
-            logs.kind.push(if id % 4 == 3 {
+            downed_logs.id.push(id);
+            downed_logs.parent_id.push(id);
+            downed_logs.species.push(14);
+            downed_logs.kind.push(if id % 4 == 3 {
                 DownedLogKind::Uprooted
             } else {
                 DownedLogKind::Trunk
             });
-            logs.east_m.push(east_m);
-            logs.north_m.push(north_m);
-            logs.z_m.push(300.0);
-            logs.length_m.push(length_m);
-            logs.diameter_base_m.push(diameter_m);
-            logs.diameter_tip_m.push(0.4 * diameter_m);
-            logs.azimuth_rad.push(azimuth_rad);
-            logs.years_down.push(f32::from(class) * 10.0);
-            logs.decay_class.push(class);
-            logs.density_fraction.push(1.0);
-            logs.cause.push(Cause::Storm);
+            downed_logs.east_m.push(east_m);
+            downed_logs.north_m.push(north_m);
+            downed_logs.z_m.push(300.0);
+            downed_logs.length_m.push(length_m);
+            downed_logs.diameter_base_m.push(diameter_m);
+            downed_logs.diameter_tip_m.push(0.4 * diameter_m);
+            downed_logs.azimuth_rad.push(azimuth_rad);
+            downed_logs.years_down.push(f32::from(class) * 10.0);
+            downed_logs.decay_class.push(class);
+            downed_logs.density_fraction.push(1.0);
+            downed_logs.cause.push(Cause::Storm);
         }
-        logs
+        downed_logs
     }
 
     /// Snags of a scene: east, north, height, height at death, diameter, share of branches, decay class.
@@ -224,7 +225,7 @@ pub(crate) mod tests {
         // from the middle to the east, 30 m long
         let east = std::f32::consts::FRAC_PI_2;
         let deadwood = Deadwood {
-            downed_logs: logs(&[(50.0, 50.0, 30.0, 0.5, east, 1)]),
+            downed_logs: downed_logs(&[(50.0, 50.0, 30.0, 0.5, east, 1)]),
             ..Deadwood::default()
         };
         for size in [50, 100, 800] {
@@ -241,7 +242,7 @@ pub(crate) mod tests {
     #[test]
     fn fresh_logs_are_darker_and_crowns_dim_what_lies_below() {
         let cover = |class: u8, crown: f32| {
-            let downed_logs = logs(&[(20.0, 50.0, 40.0, 0.5, 1.0, class)]);
+            let downed_logs = downed_logs(&[(20.0, 50.0, 40.0, 0.5, 1.0, class)]);
             let layer = draw(&Deadwood { downed_logs, ..Deadwood::default() }, crown, 100);
             layer.cover.iter().sum::<f32>()
         };

@@ -378,7 +378,7 @@ impl Pen {
 
     /// Symbols, numbers and densities of snags and downed logs in one line.
     fn deadwood_legend(&mut self, [x, y]: [u32; 2], deadwood: &Deadwood, land_ha: f64) {
-        let [rim, snag, log] = deadwood_layer::LEGEND;
+        let [rim, snag, downed_log] = deadwood_layer::LEGEND;
         let numbers =
             [("Snags", deadwood.snags.len()), ("Downed logs", deadwood.downed_logs.len())];
         let mut left = x as f32;
@@ -386,7 +386,7 @@ impl Pen {
         for (is_log, (name, number)) in [false, true].into_iter().zip(numbers) {
             if is_log {
                 let line = [[left + 1.0, middle], [left + 15.0, middle]];
-                self.canvas.polyline(&line, 2.0, log, 1.0);
+                self.canvas.polyline(&line, 2.0, downed_log, 1.0);
             } else {
                 let dot = [[left + 7.0, middle]];
                 self.canvas.polyline(&dot, 10.0, rim, 1.0);
@@ -599,7 +599,7 @@ mod tests {
         let none = forest_sheet(Some(&Deadwood::default()));
         let deadwood = Deadwood {
             snags: deadwood_layer::tests::snags(&[(20.0, 20.0, 15.0, 15.0, 0.6, 0.5, 2)]),
-            downed_logs: deadwood_layer::tests::logs(&[(60.0, 20.0, 30.0, 0.6, 0.4, 1)]),
+            downed_logs: deadwood_layer::tests::downed_logs(&[(60.0, 20.0, 30.0, 0.6, 0.4, 1)]),
         };
         let some = forest_sheet(Some(&deadwood));
         let plain = forest_sheet(None);

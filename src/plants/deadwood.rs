@@ -124,7 +124,7 @@ pub struct Snags {
     pub cause: Vec<Cause>,
 }
 
-/// Downed logs: wood on the ground. Struct of arrays, one log an index.
+/// Downed logs: wood on the ground. Struct of arrays, one downed log an index.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DownedLogs {
     /// Stable and unique among the downed logs of a scene.
@@ -198,14 +198,14 @@ impl DownedLogs {
         self.id.is_empty()
     }
 
-    /// Thin end of a log: metres east and north of the scene's south-west corner.
+    /// Thin end of a downed log: metres east and north of the scene's south-west corner.
     pub fn thin_end_m(&self, i: usize) -> [f32; 2] {
         let (length_m, azimuth_rad) = (self.length_m[i], self.azimuth_rad[i]);
         let (east_m, north_m) = (self.east_m[i], self.north_m[i]);
         [east_m + length_m * math::sin(azimuth_rad), north_m + length_m * math::cos(azimuth_rad)]
     }
 
-    /// Volume of a log when it came down, m³: a straight taper between its ends, as long as it is on the map.
+    /// Volume of a downed log when it came down, m³: a straight taper between its ends, as long as it is on the map.
     pub fn volume_m3(&self, i: usize) -> f64 {
         frustum_m3(self.length_m[i], self.diameter_base_m[i], self.diameter_tip_m[i])
     }
@@ -369,22 +369,22 @@ mod tests {
 
     #[test]
     fn downed_logs_lie_along_their_azimuth_and_have_the_volume_of_a_frustum() {
-        let mut logs = DownedLogs::default();
+        let mut downed_logs = DownedLogs::default();
         for (azimuth_rad, tip_m) in [(std::f32::consts::FRAC_PI_2, 0.4), (0.0, 0.0)] {
-            logs.east_m.push(10.0);
-            logs.north_m.push(20.0);
-            logs.length_m.push(6.0);
-            logs.azimuth_rad.push(azimuth_rad);
-            logs.diameter_base_m.push(0.4);
-            logs.diameter_tip_m.push(tip_m);
+            downed_logs.east_m.push(10.0);
+            downed_logs.north_m.push(20.0);
+            downed_logs.length_m.push(6.0);
+            downed_logs.azimuth_rad.push(azimuth_rad);
+            downed_logs.diameter_base_m.push(0.4);
+            downed_logs.diameter_tip_m.push(tip_m);
         }
-        let ends = [logs.thin_end_m(0), logs.thin_end_m(1)];
+        let ends = [downed_logs.thin_end_m(0), downed_logs.thin_end_m(1)];
         for (end, expected) in ends.iter().zip([[16.0, 20.0], [10.0, 26.0]]) {
             assert!(end.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{end:?}");
         }
         // a cylinder, and a cone of a third of it
         let cylinder_m3 = std::f64::consts::PI * 0.04 * 6.0;
-        assert!((logs.volume_m3(0) / cylinder_m3 - 1.0).abs() < 1e-6);
-        assert!((logs.volume_m3(1) / cylinder_m3 - 1.0 / 3.0).abs() < 1e-6);
+        assert!((downed_logs.volume_m3(0) / cylinder_m3 - 1.0).abs() < 1e-6);
+        assert!((downed_logs.volume_m3(1) / cylinder_m3 - 1.0 / 3.0).abs() < 1e-6);
     }
 }

@@ -1,6 +1,6 @@
 //! Downed logs as a table: GeoParquet in and out, comma-separated values out. Rows stand in the order of ids.
 //!
-//! A log is a line from its thick end along its azimuth, as long on the map as the column `length_m` says.
+//! A downed log is a line from its thick end along its azimuth, as long on the map as the column `length_m` says.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -51,38 +51,38 @@ pub const COLUMNS: [Column; 14] = [
 /// If an id is 2⁶³ or more, or a species is none of the biome's.
 pub fn write_downed_logs<W: Write + Send>(
     out: W,
-    logs: &DownedLogs,
+    downed_logs: &DownedLogs,
     biome: &Biome,
     frame: &Frame,
     format: TableFormat,
 ) -> io::Result<()> {
-    write_table(out, &DownedLogsTable::new(logs, biome, frame), &frame.crs, format)
+    write_table(out, &DownedLogsTable::new(downed_logs, biome, frame), &frame.crs, format)
 }
 
 /// Downed logs seen as a table.
 struct DownedLogsTable<'a> {
-    logs: &'a DownedLogs,
+    downed_logs: &'a DownedLogs,
     species: Vec<Cow<'a, str>>,
     south_west: MapPoint,
     order: RowOrder,
 }
 
 impl<'a> DownedLogsTable<'a> {
-    fn new(logs: &'a DownedLogs, biome: &'a Biome, frame: &Frame) -> Self {
-        checks::assert_ids(logs.id.iter().copied(), "downed log");
-        checks::assert_ids(logs.parent_id.iter().copied(), "plant");
+    fn new(downed_logs: &'a DownedLogs, biome: &'a Biome, frame: &Frame) -> Self {
+        checks::assert_ids(downed_logs.id.iter().copied(), "downed log");
+        checks::assert_ids(downed_logs.parent_id.iter().copied(), "plant");
         Self {
-            logs,
-            species: checks::species_words(logs.species.iter().copied(), biome),
+            downed_logs,
+            species: checks::species_words(downed_logs.species.iter().copied(), biome),
             south_west: frame.south_west(),
-            order: RowOrder::by_key(logs.len(), |index| logs.id[index]),
+            order: RowOrder::by_key(downed_logs.len(), |index| downed_logs.id[index]),
         }
     }
 }
 
 impl Table for DownedLogsTable<'_> {
     fn rows(&self) -> usize {
-        self.logs.len()
+        self.downed_logs.len()
     }
 
     fn columns(&self) -> &[Column] {
@@ -90,59 +90,59 @@ impl Table for DownedLogsTable<'_> {
     }
 
     fn values(&self, column: usize, rows: Range<usize>) -> Values<'_> {
-        let (logs, order) = (self.logs, &self.order);
+        let (downed_logs, order) = (self.downed_logs, &self.order);
         let numbers = match COLUMNS[column].name {
             "id" => {
-                let ids = order.values(rows, |i| logs.id[i].cast_signed());
+                let ids = order.values(rows, |i| downed_logs.id[i].cast_signed());
                 return Values::Integers(ids.into());
             }
             "parent_id" => {
-                let ids = order.values(rows, |i| logs.parent_id[i].cast_signed());
+                let ids = order.values(rows, |i| downed_logs.parent_id[i].cast_signed());
                 return Values::Integers(ids.into());
             }
             "decay_class" => {
-                let classes = order.values(rows, |i| i64::from(logs.decay_class[i]));
+                let classes = order.values(rows, |i| i64::from(downed_logs.decay_class[i]));
                 return Values::Integers(classes.into());
             }
             "species" => {
-                let indices = order.values(rows, |i| logs.species[i]).into();
+                let indices = order.values(rows, |i| downed_logs.species[i]).into();
                 return Values::Words { indices, words: self.species.as_slice().into() };
             }
             "kind" => {
-                let indices = order.values(rows, |i| logs.kind[i] as u16).into();
+                let indices = order.values(rows, |i| downed_logs.kind[i] as u16).into();
                 let words = DownedLogKind::ALL.map(|kind| kind.name().into()).to_vec().into();
                 return Values::Words { indices, words };
             }
             "cause" => {
-                let indices = order.values(rows, |i| logs.cause[i] as u16).into();
+                let indices = order.values(rows, |i| downed_logs.cause[i] as u16).into();
                 let words = Cause::ALL.map(|cause| cause.name().into()).to_vec().into();
                 return Values::Words { indices, words };
             }
             "geometry" => {
-                let line = |i: usize| ends_map_m(logs, i, self.south_west);
+                let line = |i: usize| ends_map_m(downed_logs, i, self.south_west);
                 return Values::Lines(order.values(rows, line).into());
             }
             "azimuth_deg" => {
-                let azimuths = order.values(rows, |i| azimuth_deg(logs.azimuth_rad[i]));
+                let azimuths = order.values(rows, |i| azimuth_deg(downed_logs.azimuth_rad[i]));
                 return Values::Reals(azimuths.into());
             }
-            "z_m" => &logs.z_m,
-            "length_m" => &logs.length_m,
-            "diameter_base_m" => &logs.diameter_base_m,
-            "diameter_tip_m" => &logs.diameter_tip_m,
-            "years_down" => &logs.years_down,
-            "density_fraction" => &logs.density_fraction,
+            "z_m" => &downed_logs.z_m,
+            "length_m" => &downed_logs.length_m,
+            "diameter_base_m" => &downed_logs.diameter_base_m,
+            "diameter_tip_m" => &downed_logs.diameter_tip_m,
+            "years_down" => &downed_logs.years_down,
+            "density_fraction" => &downed_logs.density_fraction,
             other => unreachable!("column {other} has no values"),
         };
         Values::Reals(order.values(rows, |i| numbers[i]).into())
     }
 }
 
-/// Easting and northing of both ends of a log, the thick one first.
-fn ends_map_m(logs: &DownedLogs, index: usize, south_west: MapPoint) -> [[f64; 2]; 2] {
-    let [x, y] = map_coordinates(south_west, logs.east_m[index], logs.north_m[index]);
-    let length_m = f64::from(logs.length_m[index]);
-    let azimuth_rad = f64::from(logs.azimuth_rad[index]);
+/// Easting and northing of both ends of a downed log, the thick one first.
+fn ends_map_m(downed_logs: &DownedLogs, index: usize, south_west: MapPoint) -> [[f64; 2]; 2] {
+    let [x, y] = map_coordinates(south_west, downed_logs.east_m[index], downed_logs.north_m[index]);
+    let length_m = f64::from(downed_logs.length_m[index]);
+    let azimuth_rad = f64::from(downed_logs.azimuth_rad[index]);
     let thin_end =
         [x + length_m * math::sin_f64(azimuth_rad), y + length_m * math::cos_f64(azimuth_rad)];
     [[x, y], thin_end]
@@ -156,57 +156,57 @@ fn azimuth_deg(azimuth_rad: f32) -> f32 {
 /// The downed logs of a GeoParquet file that [`write_downed_logs`] or a program after it wrote, in the file's order.
 ///
 /// # Errors
-/// If the file is damaged or lacks a column, if a log is of a species that is not the biome's, lies outside the scene
-/// by more than a tree's height or otherwise than its length and azimuth say, has a measure that no log can have or
-/// another's id, or if there are more than `max_logs`.
+/// If the file is damaged or lacks a column, if a downed log is of a species that is not the biome's, lies outside the scene
+/// by more than a tree's height or otherwise than its length and azimuth say, has a measure that no downed log can have or
+/// another's id, or if there are more than `max_downed_logs`.
 pub fn read_downed_logs<S>(
     source: Arc<S>,
     biome: &Biome,
     frame: &Frame,
-    max_logs: usize,
+    max_downed_logs: usize,
 ) -> Result<DownedLogs, ParseError>
 where
     S: ByteSource + Send + ?Sized + 'static,
 {
-    let mut logs = DownedLogs::default();
+    let mut downed_logs = DownedLogs::default();
     let place = Place::new(frame);
-    geoparquet::read(source, &COLUMNS, &frame.crs, max_logs, &mut |run| {
-        let start = logs.len();
-        let lines = append(&mut logs, run, biome, &place)?;
-        check_thin_ends(&logs, start, &lines, frame.south_west())
+    geoparquet::read(source, &COLUMNS, &frame.crs, max_downed_logs, &mut |run| {
+        let start = downed_logs.len();
+        let lines = append(&mut downed_logs, run, biome, &place)?;
+        check_thin_ends(&downed_logs, start, &lines, frame.south_west())
     })?;
-    checks::check_ids(&logs.id, "downed log")?;
-    Ok(logs)
+    checks::check_ids(&downed_logs.id, "downed log")?;
+    Ok(downed_logs)
 }
 
 /// Adds a run of rows, whose columns are [`COLUMNS`], and returns their lines.
 fn append(
-    logs: &mut DownedLogs,
+    downed_logs: &mut DownedLogs,
     run: Vec<Values<'static>>,
     biome: &Biome,
     place: &Place,
 ) -> Result<Cow<'static, [[[f64; 2]; 2]]>, ParseError> {
     const OF: &str = "downed log";
-    let start = logs.len();
+    let start = downed_logs.len();
     let mut all_lines = Cow::default();
     for (column, values) in COLUMNS.iter().zip(run) {
         match (column.name, values) {
-            ("id", Values::Integers(ids)) => checks::append_ids(&mut logs.id, &ids, OF)?,
+            ("id", Values::Integers(ids)) => checks::append_ids(&mut downed_logs.id, &ids, OF)?,
             ("parent_id", Values::Integers(ids)) => {
-                checks::append_ids(&mut logs.parent_id, &ids, "plant")?;
+                checks::append_ids(&mut downed_logs.parent_id, &ids, "plant")?;
             }
             ("decay_class", Values::Integers(classes)) => {
-                checks::append_decay_classes(&mut logs.decay_class, &classes, OF)?;
+                checks::append_decay_classes(&mut downed_logs.decay_class, &classes, OF)?;
             }
             ("species", Values::Words { indices, words }) => {
                 let index = |key: &str| checks::species_index(biome, key);
-                checks::append_words(&mut logs.species, &indices, &words, index)?;
+                checks::append_words(&mut downed_logs.species, &indices, &words, index)?;
             }
             ("kind", Values::Words { indices, words }) => {
-                checks::append_words(&mut logs.kind, &indices, &words, kind)?;
+                checks::append_words(&mut downed_logs.kind, &indices, &words, kind)?;
             }
             ("cause", Values::Words { indices, words }) => {
-                checks::append_words(&mut logs.cause, &indices, &words, checks::cause)?;
+                checks::append_words(&mut downed_logs.cause, &indices, &words, checks::cause)?;
             }
             ("geometry", Values::Lines(lines)) => {
                 for (row, [thick_end, _]) in (start..).zip(lines.iter()) {
@@ -218,13 +218,13 @@ fn append(
                         );
                         ParseError::new(what, EDIT_AGAIN)
                     })?;
-                    logs.east_m.push(east_m);
-                    logs.north_m.push(north_m);
+                    downed_logs.east_m.push(east_m);
+                    downed_logs.north_m.push(north_m);
                 }
                 all_lines = lines;
             }
             ("azimuth_deg", Values::Reals(azimuths_deg)) => {
-                let into = &mut logs.azimuth_rad;
+                let into = &mut downed_logs.azimuth_rad;
                 let allowed = f32::MIN..=f32::MAX;
                 checks::append_reals(into, &azimuths_deg, allowed, OF, "azimuth_deg")?;
                 for azimuth in &mut into[start..] {
@@ -233,12 +233,12 @@ fn append(
             }
             (name, Values::Reals(numbers)) => {
                 let (into, allowed) = match name {
-                    "z_m" => (&mut logs.z_m, f32::MIN..=f32::MAX),
-                    "length_m" => (&mut logs.length_m, 0.0..=f32::MAX),
-                    "diameter_base_m" => (&mut logs.diameter_base_m, 0.0..=f32::MAX),
-                    "diameter_tip_m" => (&mut logs.diameter_tip_m, 0.0..=f32::MAX),
-                    "years_down" => (&mut logs.years_down, 0.0..=f32::MAX),
-                    _ => (&mut logs.density_fraction, 0.0..=1.0),
+                    "z_m" => (&mut downed_logs.z_m, f32::MIN..=f32::MAX),
+                    "length_m" => (&mut downed_logs.length_m, 0.0..=f32::MAX),
+                    "diameter_base_m" => (&mut downed_logs.diameter_base_m, 0.0..=f32::MAX),
+                    "diameter_tip_m" => (&mut downed_logs.diameter_tip_m, 0.0..=f32::MAX),
+                    "years_down" => (&mut downed_logs.years_down, 0.0..=f32::MAX),
+                    _ => (&mut downed_logs.density_fraction, 0.0..=1.0),
                 };
                 checks::append_reals(into, &numbers, allowed, OF, name)?;
             }
@@ -255,15 +255,15 @@ fn kind(name: &str) -> Result<DownedLogKind, ParseError> {
     })
 }
 
-/// Refuses lines that say something else than the columns length and azimuth of the logs from `start` on.
+/// Refuses lines that say something else than the columns length and azimuth of the downed logs from `start` on.
 fn check_thin_ends(
-    logs: &DownedLogs,
+    downed_logs: &DownedLogs,
     start: usize,
     lines: &[[[f64; 2]; 2]],
     south_west: MapPoint,
 ) -> Result<(), ParseError> {
     for (index, [_, found]) in (start..).zip(lines) {
-        let [_, expected] = ends_map_m(logs, index, south_west);
+        let [_, expected] = ends_map_m(downed_logs, index, south_west);
         let away = |axis: usize| (found[axis] - expected[axis]).abs();
         // written so that NaN is refused too
         if !(away(0) <= THIN_END_ERROR_M && away(1) <= THIN_END_ERROR_M) {
@@ -299,7 +299,7 @@ mod tests {
     }
 
     /// Logs all over the frame and a little beyond, of every species, kind, class and cause, in all directions.
-    fn logs(count: usize) -> DownedLogs {
+    fn downed_logs(count: usize) -> DownedLogs {
         let fraction = |i: usize, step: usize| (i * step % 65_521) as f32 / 65_521.0;
         let all = |value: &dyn Fn(usize) -> f32| (0..count).map(value).collect::<Vec<f32>>();
         DownedLogs {
@@ -321,14 +321,14 @@ mod tests {
         }
     }
 
-    fn written(logs: &DownedLogs, format: TableFormat) -> Vec<u8> {
+    fn written(downed_logs: &DownedLogs, format: TableFormat) -> Vec<u8> {
         let mut bytes = Vec::new();
-        write_downed_logs(&mut bytes, logs, &biome(), &utm_frame(), format).unwrap();
+        write_downed_logs(&mut bytes, downed_logs, &biome(), &utm_frame(), format).unwrap();
         bytes
     }
 
-    fn read_again(logs: &DownedLogs) -> Result<DownedLogs, ParseError> {
-        let bytes = Arc::<[u8]>::from(written(logs, TableFormat::Parquet));
+    fn read_again(downed_logs: &DownedLogs) -> Result<DownedLogs, ParseError> {
+        let bytes = Arc::<[u8]>::from(written(downed_logs, TableFormat::Parquet));
         read_downed_logs(bytes, &biome(), &utm_frame(), 1_000_000)
     }
 
@@ -336,18 +336,19 @@ mod tests {
     #[test]
     fn downed_logs_read_back() {
         for count in [0, 1, 1000, 140_000] {
-            let (expected, mut again) = (logs(count), read_again(&logs(count)).unwrap());
+            let (expected, mut again) =
+                (downed_logs(count), read_again(&downed_logs(count)).unwrap());
             for (found, azimuth) in again.azimuth_rad.iter_mut().zip(&expected.azimuth_rad) {
                 assert!((*found - azimuth).abs() < 1e-6, "{found} for {azimuth}");
                 *found = *azimuth;
             }
-            assert!(again == expected, "{count} logs");
+            assert!(again == expected, "{count} downed logs");
         }
     }
 
     #[test]
     fn rows_stand_in_the_order_of_ids() {
-        let mut swapped = logs(3);
+        let mut swapped = downed_logs(3);
         swapped.id = vec![7, 4, 1];
         let again = read_again(&swapped).unwrap();
         assert_eq!((again.id, again.parent_id), (vec![1, 4, 7], vec![14, 7, 0]));
@@ -357,7 +358,7 @@ mod tests {
 
     #[test]
     fn text_has_lines_in_map_coordinates() {
-        let mut one = logs(1);
+        let mut one = downed_logs(1);
         (one.east_m[0], one.north_m[0], one.length_m[0]) = (10.125, 3999.0, 20.0);
         one.azimuth_rad[0] = -std::f32::consts::FRAC_PI_2;
         let expected = format!(
@@ -368,15 +369,15 @@ mod tests {
             biome().species[0].key
         );
         assert_eq!(String::from_utf8(written(&one, TableFormat::Csv)).unwrap(), expected);
-        assert_eq!(written(&logs(0), TableFormat::Csv).split(|b| *b == b'\n').count(), 2);
+        assert_eq!(written(&downed_logs(0), TableFormat::Csv).split(|b| *b == b'\n').count(), 2);
     }
 
     #[test]
     fn what_no_downed_log_can_be_is_refused() {
         let trouble = |change: &dyn Fn(&mut DownedLogs)| {
-            let mut logs = logs(10);
-            change(&mut logs);
-            read_again(&logs).unwrap_err().to_string()
+            let mut downed_logs = downed_logs(10);
+            change(&mut downed_logs);
+            read_again(&downed_logs).unwrap_err().to_string()
         };
         for (problem, names) in [
             (trouble(&|l| l.east_m[3] = -151.0), "outside the scene"),
@@ -394,14 +395,15 @@ mod tests {
 
     #[test]
     fn lines_that_contradict_their_columns_are_refused() {
-        let logs = logs(10);
+        let downed_logs = downed_logs(10);
         let corner = utm_frame().south_west();
-        let mut lines: Vec<[[f64; 2]; 2]> = (0..10).map(|i| ends_map_m(&logs, i, corner)).collect();
-        assert_eq!(check_thin_ends(&logs, 0, &lines, corner), Ok(()));
-        assert!(check_thin_ends(&logs, 1, &lines, corner).is_err());
+        let mut lines: Vec<[[f64; 2]; 2]> =
+            (0..10).map(|i| ends_map_m(&downed_logs, i, corner)).collect();
+        assert_eq!(check_thin_ends(&downed_logs, 0, &lines, corner), Ok(()));
+        assert!(check_thin_ends(&downed_logs, 1, &lines, corner).is_err());
         for wrong in [lines[7][1][0] + 0.02, f64::NAN] {
             lines[7][1][0] = wrong;
-            let problem = check_thin_ends(&logs, 0, &lines, corner).unwrap_err();
+            let problem = check_thin_ends(&downed_logs, 0, &lines, corner).unwrap_err();
             assert!(problem.what.contains("row 7 ends at"), "{problem}");
         }
     }
@@ -412,11 +414,11 @@ mod tests {
             west in -8e6..8e6_f64, south in -8e6..8e6_f64, east in 0.0..6000_f32, north in 0.0..4000_f32,
             length in 0.0..120_f32, azimuth in -7.0..14_f32,
         ) {
-            let mut logs = logs(1);
-            (logs.east_m[0], logs.north_m[0]) = (east, north);
-            (logs.length_m[0], logs.azimuth_rad[0]) = (length, azimuth);
+            let mut downed_logs = downed_logs(1);
+            (downed_logs.east_m[0], downed_logs.north_m[0]) = (east, north);
+            (downed_logs.length_m[0], downed_logs.azimuth_rad[0]) = (length, azimuth);
             let (biome, frame) = (biome_once(), frame(west, south));
-            let table = DownedLogsTable::new(&logs, biome, &frame);
+            let table = DownedLogsTable::new(&downed_logs, biome, &frame);
             let column = |name: &str| {
                 let at = COLUMNS.iter().position(|column| column.name == name).unwrap();
                 table.values(at, 0..1)

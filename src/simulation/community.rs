@@ -7,6 +7,9 @@
 //! with the months' light and water alone. One full growing season counts as a year of idealized age, else plants of short
 //! seasons would never come near the height that their age allows.
 
+mod acclimation;
+mod state;
+
 use std::ops::Range;
 
 use rayon::iter::Either;
@@ -21,6 +24,7 @@ use super::{Competition, GrowthCurve, Parameters, carbon_pool, intersection, mor
 use crate::raster::MONTHS;
 use crate::rng::{self, Key, Process};
 use crate::species::Biome;
+pub use state::{CommunityState, CommunityStateRef};
 
 /// Live plants of a plot under a canopy that does not change: one array a measure, places in metres from the plot's
 /// north-west corner.
@@ -59,27 +63,9 @@ pub struct Community {
     pub vigor: Vec<f32>,
     /// Share of the light over its ground that others take, 0 alone to 1, last year; empty but in whole forests.
     pub crowding_fraction: Vec<f32>,
-}
-
-/// All that a community is but its plot.
-#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
-pub struct CommunityState {
-    year: u16,
-    first_seedling_id: u64,
-    id: Vec<u64>,
-    species: Vec<u16>,
-    /// Measures in the order of the community's arrays.
-    measures: [Vec<f32>; 9],
-}
-
-/// A state that is lent, field by field as [`CommunityState`].
-#[derive(Clone, Debug, serde::Serialize)]
-pub struct CommunityStateRef<'a> {
-    year: u16,
-    first_seedling_id: u64,
-    id: &'a [u64],
-    species: &'a [u16],
-    measures: [&'a Vec<f32>; 9],
+    /// What it bears beyond its niche, in months of the best vigor a month ([`Community::acclimate`]); empty but in whole
+    /// forests.
+    pub acclimation: Vec<f32>,
 }
 
 /// What befalls plants from outside in a year: nothing, unless told.
@@ -228,6 +214,7 @@ impl Community {
             dbh_m: Vec::new(),
             vigor: Vec::new(),
             crowding_fraction: Vec::new(),
+            acclimation: Vec::new(),
         }
     }
 
@@ -277,61 +264,14 @@ impl Community {
         &mut self.plot
     }
 
+    /// Numbers of its processes.
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
     /// What each species asks for.
     pub(super) fn traits(&self, species: u16) -> &Traits {
         &self.traits[usize::from(species)]
-    }
-
-    /// All that it is but its plot.
-    pub fn state(&self) -> CommunityStateRef<'_> {
-        CommunityStateRef {
-            year: self.year,
-            first_seedling_id: self.first_seedling_id,
-            id: &self.id,
-            species: &self.species,
-            measures: self.measures(),
-        }
-    }
-
-    /// Goes on from a state. Gives whether it can be one.
-    pub fn set_state(&mut self, state: CommunityState) -> bool {
-        let plants = state.id.len();
-        let is_whole = state.species.len() == plants
-            && state.species.iter().all(|species| usize::from(*species) < self.traits.len())
-            && state.measures[..6].iter().all(|values| values.len() == plants)
-            && state.measures[6..]
-                .iter()
-                .all(|values| values.len() == if self.is_whole_forest { plants } else { 0 });
-        if is_whole {
-            (self.year, self.first_seedling_id) = (state.year, state.first_seedling_id);
-            (self.id, self.species) = (state.id, state.species);
-            [
-                self.east_m,
-                self.south_m,
-                self.idealized_age_years,
-                self.carbon_pool,
-                self.height_m,
-                self.crown_radius_m,
-                self.dbh_m,
-                self.vigor,
-                self.crowding_fraction,
-            ] = state.measures;
-        }
-        is_whole
-    }
-
-    fn measures(&self) -> [&Vec<f32>; 9] {
-        [
-            &self.east_m,
-            &self.south_m,
-            &self.idealized_age_years,
-            &self.carbon_pool,
-            &self.height_m,
-            &self.crown_radius_m,
-            &self.dbh_m,
-            &self.vigor,
-            &self.crowding_fraction,
-        ]
     }
 
     /// Vigor that a plant's pool holds.
@@ -355,6 +295,7 @@ impl Community {
             self.dbh_m.push(traits.envelope_size_m(age_years, 1.0)[2]);
             self.vigor.push(0.0);
             self.crowding_fraction.push(0.0);
+            self.acclimation.push(0.0);
         }
     }
 
@@ -398,6 +339,7 @@ impl Community {
             self.dbh_m.resize(self.id.len(), 0.0);
             self.vigor.resize(self.id.len(), 0.0);
             self.crowding_fraction.resize(self.id.len(), 0.0);
+            self.acclimation.resize(self.id.len(), 0.0);
         }
     }
 
@@ -543,6 +485,11 @@ impl Community {
             || self.tiles_of(plant).iter().all(|tiles| tiles.len() == 1)
     }
 
+    fn competitor(&self, plant: u32) -> Competitor {
+        let index = plant as usize;
+        Competitor { disk: self.disk(index), species: self.species[index] }
+    }
+
     fn disk(&self, plant: usize) -> Disk {
         Disk {
             east_m: self.east_m[plant],
@@ -559,11 +506,8 @@ impl Community {
         around: &Circumstances,
     ) -> TileYear {
         self.sort_by_height(&mut plants);
-        let competitor = |plant: &u32| Competitor {
-            disk: self.disk(*plant as usize),
-            species: self.species[*plant as usize],
-        };
-        let competitors: Vec<Competitor> = plants.iter().map(competitor).collect();
+        let competitors: Vec<Competitor> =
+            plants.iter().map(|plant| self.competitor(*plant)).collect();
         let (shares, cells) = tile.compete(&self.plot, &self.traits, &competitors);
         let mut year = TileYear {
             grown: Vec::with_capacity(plants.len()),
@@ -623,18 +567,15 @@ impl Community {
     ) -> (Grown, Option<GrownSize>) {
         let index = plant as usize;
         let traits = &self.traits[usize::from(self.species[index])];
-        let [row, col] = self.plot.cell_at(self.east_m[index], self.south_m[index]);
-        let ground = &self.plot.ground[self.plot.ground_of(row, col)];
-        let (light, per_cell) = (shares.light / shares.cells, 1.0 / shares.cells);
-        let mut water_mm = shares.water_mm;
-        water_mm.iter_mut().for_each(|mm| *mm *= per_cell);
-        let mut vigor = Offer::new(ground, light, water_mm).vigor(traits);
+        let mut vigor = self.vigor_on(index, shares);
         let before_years = self.idealized_age_years[index];
         let (mut pool, mut age_years) = (self.carbon_pool[index], before_years);
         let mut lowest_pool = f32::INFINITY;
         let mean_vigor = if self.is_whole_forest {
             let season = traits.years_a_month;
             let mean = vigor.iter().zip(season).map(|(vigor, share)| vigor * share).sum::<f32>();
+            let acclimation = self.acclimation[index];
+            vigor.iter_mut().for_each(|vigor| *vigor += acclimation);
             if let Some(losses) = around.losses {
                 vigor.iter_mut().zip(losses.of(index)).for_each(|(vigor, loss)| *vigor -= loss);
             }
@@ -662,6 +603,18 @@ impl Community {
             GrownSize { size_m, vigor: mean_vigor, crowding_fraction }
         });
         (Grown { plant, idealized_age_years: age_years, carbon_pool: pool, lowest_pool }, size)
+    }
+
+    /// Vigor of a plant by month on its shares, as its niche has it.
+    #[inline]
+    fn vigor_on(&self, index: usize, shares: &Shares) -> [f32; MONTHS] {
+        let traits = &self.traits[usize::from(self.species[index])];
+        let [row, col] = self.plot.cell_at(self.east_m[index], self.south_m[index]);
+        let ground = &self.plot.ground[self.plot.ground_of(row, col)];
+        let (light, per_cell) = (shares.light / shares.cells, 1.0 / shares.cells);
+        let mut water_mm = shares.water_mm;
+        water_mm.iter_mut().for_each(|mm| *mm *= per_cell);
+        Offer::new(ground, light, water_mm).vigor(traits)
     }
 
     /// The yearly test of death, and the end of what has reached the canopy.
@@ -717,6 +670,7 @@ impl Community {
                 measures.spawn(|_| keep(&mut self.dbh_m, &survivors));
                 measures.spawn(|_| keep(&mut self.vigor, &survivors));
                 measures.spawn(|_| keep(&mut self.crowding_fraction, &survivors));
+                measures.spawn(|_| keep(&mut self.acclimation, &survivors));
             }
         });
         dead

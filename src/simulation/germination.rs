@@ -64,7 +64,7 @@ pub fn sprout(cells: &CellStates, trunks: &[bool], sowing: &Sowing) -> Vec<Seedl
             let chance_per_year = match parameters.seeding {
                 Seeding::CanopyTrees => seeds.chance_per_year,
                 Seeding::Everywhere { .. } if trunks[cell] => 0.0,
-                Seeding::Everywhere { chance_on_downed_logs_per_year } => {
+                Seeding::Everywhere { chance_on_downed_logs_per_year, .. } => {
                     nursed = sowing.downed_logs.get(row * plot.cols + col) == Some(&true);
                     let chance = if nursed {
                         chance_on_downed_logs_per_year

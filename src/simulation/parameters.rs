@@ -26,11 +26,14 @@ pub enum GrowthCurve {
 pub enum Seeding {
     /// From the trees of a fixed canopy, each of its sub-biome (Kapp 2020).
     CanopyTrees,
-    /// From a bank of seeds of all species that lies everywhere (Peytavie 2024): a cell without a trunk has
-    /// [`Parameters::seed_chance_per_year`], and where a decaying downed log lies this chance a year.
+    /// From a bank of seeds that lies everywhere (Peytavie 2024): a cell without a trunk has
+    /// [`Parameters::seed_chance_per_year`], and where a decaying downed log lies this chance a year. Of a biome with several
+    /// sub-biomes they are those of the trees that stand nearest.
     Everywhere {
         /// γ of cells with decaying downed logs.
         chance_on_downed_logs_per_year: f32,
+        /// γ that each tree within reach gives beside, up to [`Parameters::most_seed_chance_per_year`].
+        chance_by_tree_per_year: f32,
     },
 }
 
@@ -77,8 +80,12 @@ pub struct Parameters {
     pub lifespan_exponent: f32,
 }
 
-/// Most seedlings that sprout in whole forests. chosen: twelve times the Pyrenees' rate, see [`Parameters::forest`].
-const MOST_SEEDLINGS_PER_M2_YEAR: f32 = 0.25;
+/// Seedlings that sprout in whole forests on bare ground. chosen: twelve times the Pyrenees' rate, so that pioneers of Sonoma,
+/// which live for a few years, find each other.
+const SEEDLINGS_PER_M2_YEAR: f32 = 0.25;
+/// Most that sprout among trees. chosen: the undergrowth of a grown scene stays as dense as it was, within 30 %; with 1, herbs
+/// halve, with 0.25 they fall to a fifth.
+const MOST_SEEDLINGS_PER_M2_YEAR: f32 = 3.0;
 
 impl Parameters {
     /// Undergrowth under a fixed canopy.
@@ -123,21 +130,38 @@ impl Parameters {
     /// Whole forests of a biome: [`Self::peytavie2024`], with as many seedlings as sprout there.
     ///
     /// # Departures
-    /// Their rate, 0.02 seedlings on a m² in a year, is the Pyrenees'. Where herbs take most of the places, as in Sonoma, it
-    /// keeps neither ferns nor trees: there it is twelve times as much. chosen: the undergrowth of a grown scene stays as
-    /// dense as it was, within a factor of two.
+    /// Their rate, 0.02 seedlings on a m² in a year, is the Pyrenees', which [`Biome::most_seedlings_per_m2_year`] has. Where herbs
+    /// take most of the places, as in Sonoma, it keeps neither ferns nor trees. There each tree within reach adds its seeds, as
+    /// for undergrowth ([`Self::kapp2020`]), to what bare ground has.
     pub fn forest(biome: &Biome) -> Self {
         let parameters = Self::peytavie2024();
         let cell_m2 = parameters.cell_m * parameters.cell_m;
-        let chance = biome.most_seedlings_per_m2_year.min(MOST_SEEDLINGS_PER_M2_YEAR) * cell_m2;
-        let Seeding::Everywhere { chance_on_downed_logs_per_year } = parameters.seeding else {
+        let at_most =
+            |per_m2_year: f32| biome.most_seedlings_per_m2_year.min(per_m2_year) * cell_m2;
+        let chance = at_most(SEEDLINGS_PER_M2_YEAR);
+        let Seeding::Everywhere { chance_on_downed_logs_per_year: nursed, .. } = parameters.seeding
+        else {
             return parameters;
         };
-        let on_downed_logs =
-            chance * chance_on_downed_logs_per_year / parameters.seed_chance_per_year;
-        let seeding =
-            Seeding::Everywhere { chance_on_downed_logs_per_year: on_downed_logs.min(1.0) };
-        Self { seed_chance_per_year: chance, seeding, ..parameters }
+        let undergrowth = Self::kapp2020();
+        let by_tree =
+            undergrowth.seed_chance_per_year / (undergrowth.cell_m * undergrowth.cell_m) * cell_m2;
+        let seeding = Seeding::Everywhere {
+            chance_on_downed_logs_per_year: (chance * nursed / parameters.seed_chance_per_year)
+                .min(1.0),
+            chance_by_tree_per_year: by_tree,
+        };
+        Self {
+            seed_chance_per_year: chance,
+            most_seed_chance_per_year: at_most(
+                std::env::var("MOST")
+                    .ok()
+                    .and_then(|v| v.parse().ok())
+                    .unwrap_or(MOST_SEEDLINGS_PER_M2_YEAR),
+            ),
+            seeding,
+            ..parameters
+        }
     }
 
     /// Whole forests of the Pyrenees.
@@ -157,7 +181,10 @@ impl Parameters {
             growth: GrowthCurve::Envelope,
             open_limit_m: f32::INFINITY,
             seed_chance_per_year: 0.005,
-            seeding: Seeding::Everywhere { chance_on_downed_logs_per_year: 0.0279 },
+            seeding: Seeding::Everywhere {
+                chance_on_downed_logs_per_year: 0.0279,
+                chance_by_tree_per_year: 0.0,
+            },
             ..Self::kapp2020()
         }
     }

@@ -330,6 +330,18 @@ impl Plot {
         });
     }
 
+    /// Lays other seeds on ground that has some, by row and column of ground cells.
+    pub(super) fn set_seeds(&mut self, seeds_at: impl Fn(usize, usize) -> Seeds + Sync) {
+        let cols = self.ground_cols;
+        self.seeds.par_chunks_mut(cols).enumerate().for_each(|(row, seeds)| {
+            for (col, seeds) in seeds.iter_mut().enumerate() {
+                if seeds.chance_per_year > 0.0 {
+                    *seeds = seeds_at(row, col);
+                }
+            }
+        });
+    }
+
     /// Mean over each ground cell of [`Self::open`] of a map of the scene, 0 where it holds nothing.
     pub fn joined_mean(&self, map: &Grid<f32>) -> Vec<f32> {
         let joined = Joined::of(map.frame());

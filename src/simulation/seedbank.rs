@@ -21,15 +21,20 @@ impl Seeds {
     pub const EVERYWHERE: Self = Self { chance_per_year: 1.0, sub_biomes: u32::MAX };
 }
 
-/// Chance a year that a tree gives a cell so many of its crown radii away.
+/// Share of a tree's chance γ that is left so many of its crown radii away.
 ///
 /// # Reference
 /// Kapp et al. 2020: γ within 4 r, falling linearly to 0 at 12 r.
 #[inline]
-pub fn chance_per_year(distance_radii: f32, parameters: &Parameters) -> f32 {
+pub fn share_at(distance_radii: f32, parameters: &Parameters) -> f32 {
     let Parameters { seed_flat_radii: flat, seed_reach_radii: reach, .. } = *parameters;
-    let share = ((reach - distance_radii) / (reach - flat)).clamp(0.0, 1.0);
-    parameters.seed_chance_per_year * share
+    ((reach - distance_radii) / (reach - flat)).clamp(0.0, 1.0)
+}
+
+/// Chance a year that a tree gives a cell so many of its crown radii away.
+#[inline]
+pub fn chance_per_year(distance_radii: f32, parameters: &Parameters) -> f32 {
+    parameters.seed_chance_per_year * share_at(distance_radii, parameters)
 }
 
 /// Adds a tree's seeds to ground whose cells, `cell_m` wide, are row-major from the north-west corner.
@@ -71,10 +76,10 @@ mod tests {
     #[test]
     fn the_chance_is_flat_to_four_radii_and_gone_at_twelve() {
         let parameters = Parameters::kapp2020();
-        let chance = |radii: f32| chance_per_year(radii, &parameters);
-        assert_eq!([chance(0.0), chance(4.0)], [0.003; 2]);
-        assert!((chance(8.0) - 0.0015).abs() < 1e-8);
-        assert_eq!([chance(12.0), chance(20.0)], [0.0; 2]);
+        let share = |radii: f32| share_at(radii, &parameters);
+        assert_eq!([share(0.0), share(4.0)], [1.0; 2]);
+        assert!((share(8.0) - 0.5).abs() < 1e-6);
+        assert_eq!([share(12.0), share(20.0)], [0.0; 2]);
     }
 
     #[test]

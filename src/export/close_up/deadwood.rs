@@ -10,7 +10,7 @@ use crate::math::{cos, sin};
 use crate::plants::deadwood::{Deadwood, DownedLogKind, DownedLogs, Snags};
 use crate::species::{Biome, Species};
 
-/// Least width of a log.
+/// Least width of a downed log.
 const LEAST_WIDTH_PX: f32 = 1.4;
 /// Root plate of an uprooted tree: its reach to both sides in diameters of the stem, and its thickness.
 const ROOT_PLATE: f32 = 1.7;
@@ -30,7 +30,7 @@ const MOST_BRANCHES: f32 = 22.0;
 /// Bare stems: fresh, and weathered to silver.
 const STEM: [f32; 3] = [134.0, 124.0, 114.0];
 const WEATHERED: [f32; 3] = [178.0, 176.0, 172.0];
-/// Wood of a log's end.
+/// Wood of a downed log's end.
 const CUT: [f32; 3] = [212.0, 184.0, 144.0];
 /// Air between the viewer and what stands behind.
 const HAZE: [f32; 3] = [244.0, 244.0, 240.0];
@@ -139,25 +139,25 @@ pub struct DownedLogAbove {
 }
 
 impl DownedLogAbove {
-    /// A log on a view's sheet.
-    pub fn new(logs: &DownedLogs, i: usize, view: &View) -> Self {
-        let [east_m, north_m] = logs.thin_end_m(i);
+    /// A downed log on a view's sheet.
+    pub fn new(downed_logs: &DownedLogs, i: usize, view: &View) -> Self {
+        let [east_m, north_m] = downed_logs.thin_end_m(i);
         let half = |diameter_m: f32| 0.5 * (diameter_m * view.px_per_m()).max(LEAST_WIDTH_PX);
         let stroke = Stroke {
-            from: view.place(logs.east_m[i], logs.north_m[i]),
+            from: view.place(downed_logs.east_m[i], downed_logs.north_m[i]),
             to: view.place(east_m, north_m),
-            half_width: [half(logs.diameter_base_m[i]), half(logs.diameter_tip_m[i])],
+            half_width: [half(downed_logs.diameter_base_m[i]), half(downed_logs.diameter_tip_m[i])],
             ends: Ends::Square,
         };
         Self {
             stroke,
-            color: downed_log_color(logs.decay_class[i]),
-            is_uprooted: logs.kind[i] == DownedLogKind::Uprooted,
-            seed: variety::of_plant(logs.id[i]),
+            color: downed_log_color(downed_logs.decay_class[i]),
+            is_uprooted: downed_logs.kind[i] == DownedLogKind::Uprooted,
+            seed: variety::of_plant(downed_logs.id[i]),
         }
     }
 
-    /// A log across a legend's symbol of `side` pixels.
+    /// A downed log across a legend's symbol of `side` pixels.
     pub fn symbol(side: f32) -> Self {
         let stroke = Stroke {
             from: [1.5, 0.7 * side],
@@ -168,7 +168,7 @@ impl DownedLogAbove {
         Self { stroke, color: downed_log_color(2), is_uprooted: false, seed: 5 }
     }
 
-    /// Draws the log's shadow and the log.
+    /// Draws the downed log's shadow and the downed log.
     pub fn draw(&self, band: &mut Band<'_>) {
         let Stroke { from, to, half_width, .. } = self.stroke;
         let length = ((to[0] - from[0]).powi(2) + (to[1] - from[1]).powi(2)).sqrt().max(1e-3);
@@ -177,7 +177,7 @@ impl DownedLogAbove {
         let shadow =
             Stroke { from: from.map(|v| v + shift), to: to.map(|v| v + shift), ..self.stroke };
         lay_stroke(band, &shadow, |_, _| (DARK, 0.32));
-        // lamp in the north-west; `across` counts to the right of the log's direction
+        // lamp in the north-west; `across` counts to the right of the downed log's direction
         let facing = std::f32::consts::FRAC_1_SQRT_2 * (ahead[1] - ahead[0]);
         lay_stroke(band, &self.stroke, |along, across| {
             let half = half_width[0] + along * (half_width[1] - half_width[0]);
@@ -431,38 +431,38 @@ pub struct DownedLogBeside {
 }
 
 impl DownedLogBeside {
-    /// A log of a profile: the part `[start, end]` of its length, whose ends lie at columns `x`.
+    /// A downed log of a profile: the part `[start, end]` of its length, whose ends lie at columns `x`.
     pub fn new(
-        logs: &DownedLogs,
+        downed_logs: &DownedLogs,
         i: usize,
         [start, end]: [f32; 2],
         x: [f32; 2],
         footing: Footing,
     ) -> Self {
-        let [base_m, tip_m] = [logs.diameter_base_m[i], logs.diameter_tip_m[i]];
+        let [base_m, tip_m] = [downed_logs.diameter_base_m[i], downed_logs.diameter_tip_m[i]];
         let diameter = |along: f32| {
             ((base_m + along * (tip_m - base_m)) * footing.px_per_m).max(LEAST_WIDTH_PX)
         };
-        let north = cos(logs.azimuth_rad[i]);
+        let north = cos(downed_logs.azimuth_rad[i]);
         Self {
             x,
             diameter: [diameter(start), diameter(end)],
             end_on: north.abs(),
             is_thick_near: north > 0.0,
-            color: downed_log_color(logs.decay_class[i]),
+            color: downed_log_color(downed_logs.decay_class[i]),
             haze_fraction: footing.haze_fraction,
-            seed: variety::of_plant(logs.id[i]),
+            seed: variety::of_plant(downed_logs.id[i]),
         }
     }
 
-    /// Draws the log onto a ground whose row `ground` gives by column.
+    /// Draws the downed log onto a ground whose row `ground` gives by column.
     pub fn draw(&self, band: &mut Band<'_>, ground: impl Fn(usize) -> f32) {
         let [x0, x1] = self.x;
         let caps = self.diameter.map(|d| 0.5 * d * self.end_on);
         let left = (x0 - caps[0]).min(x1 - caps[1]) - 1.0;
         let right = (x0 + caps[0]).max(x1 + caps[1]) + 1.0;
         let near = if self.is_thick_near { 0 } else { 1 };
-        // all rows of the band: the ground under the log may rise and fall
+        // all rows of the band: the ground under the downed log may rise and fall
         let (rows, cols) = band.touched([left, 0.0], [right, f32::MAX / 2.0]);
         for col in cols {
             let middle = col as f32 + 0.5;
@@ -505,7 +505,7 @@ mod tests {
     use super::*;
     use crate::export::canvas::Canvas;
     use crate::export::close_up::light::LightSheet;
-    use crate::export::deadwood_layer::tests::{logs, snags};
+    use crate::export::deadwood_layer::tests::{downed_logs, snags};
 
     const FOOTING: Footing =
         Footing { x: 100.0, foot_y: 180.0, fall: 0.0, px_per_m: 10.0, haze_fraction: 0.0 };
@@ -549,15 +549,15 @@ mod tests {
     #[test]
     fn logs_lie_on_the_ground_in_their_length_and_as_a_disc_seen_from_their_end() {
         let east = std::f32::consts::FRAC_PI_2;
-        let aside = logs(&[(0.0, 0.0, 9.0, 1.0, east, 2)]);
-        let log = DownedLogBeside::new(&aside, 0, [0.0, 1.0], [60.0, 150.0], FOOTING);
-        let (_, [left, top, right, bottom]) = drawn(|band| log.draw(band, |_| 180.0));
+        let aside = downed_logs(&[(0.0, 0.0, 9.0, 1.0, east, 2)]);
+        let downed_log = DownedLogBeside::new(&aside, 0, [0.0, 1.0], [60.0, 150.0], FOOTING);
+        let (_, [left, top, right, bottom]) = drawn(|band| downed_log.draw(band, |_| 180.0));
         assert!(left.abs_diff(60) <= 1 && right.abs_diff(150) <= 1, "{left} {right}");
         // the ground is drawn over what reaches below it
         assert!(top.abs_diff(170) <= 1 && (179..=185).contains(&bottom), "{top} {bottom}");
-        let end_on = logs(&[(0.0, 0.0, 9.0, 1.0, 0.0, 2)]);
-        let log = DownedLogBeside::new(&end_on, 0, [0.0, 0.5], [100.0, 100.0], FOOTING);
-        let (count, [left, _, right, _]) = drawn(|band| log.draw(band, |_| 180.0));
+        let end_on = downed_logs(&[(0.0, 0.0, 9.0, 1.0, 0.0, 2)]);
+        let downed_log = DownedLogBeside::new(&end_on, 0, [0.0, 0.5], [100.0, 100.0], FOOTING);
+        let (count, [left, _, right, _]) = drawn(|band| downed_log.draw(band, |_| 180.0));
         assert!(left.abs_diff(95) <= 1 && right.abs_diff(104) <= 1, "{left} {right}");
         assert!((60..110).contains(&count), "{count}");
     }
@@ -569,9 +569,9 @@ mod tests {
         let snags = snags(&[(500.0, 500.0, 20.0, 20.0, 0.3, 0.0, 1)]);
         let snag = SnagAbove::new(&snags, 0, &biome, &view);
         assert!(drawn(|band| snag.circle(band)).0 > 20);
-        let logs = logs(&[(400.0, 500.0, 100.0, 0.1, 0.0, 1)]);
+        let downed_logs = downed_logs(&[(400.0, 500.0, 100.0, 0.1, 0.0, 1)]);
         let (_, [left, top, right, bottom]) =
-            drawn(|band| DownedLogAbove::new(&logs, 0, &view).draw(band));
+            drawn(|band| DownedLogAbove::new(&downed_logs, 0, &view).draw(band));
         assert!(right - left <= 4 && bottom - top >= 18, "{left} {top} {right} {bottom}");
     }
 }

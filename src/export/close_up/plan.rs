@@ -17,7 +17,7 @@ use crate::species::Biome;
 /// Samples along a side by which cover is measured.
 const COVER_SAMPLES: usize = 256;
 
-/// Height up to which plants are drawn under downed logs. chosen: as high as a log is thick.
+/// Height up to which plants are drawn under downed logs. chosen: as high as a downed log is thick.
 const BELOW_DOWNED_LOGS_M: f32 = 0.5;
 
 /// Where the square lies: in the scene, and on the sheet.
@@ -128,15 +128,15 @@ pub fn draw(
     ground: &GroundCover,
 ) -> LightSheet {
     let side = view.side as usize;
-    let logs: Vec<DownedLogAbove> = dead.map_or_else(Vec::new, |(deadwood, seen)| {
-        let log = |&i: &usize| DownedLogAbove::new(&deadwood.downed_logs, i, view);
-        seen.downed_logs.iter().map(log).collect()
+    let downed_logs: Vec<DownedLogAbove> = dead.map_or_else(Vec::new, |(deadwood, seen)| {
+        let downed_log = |&i: &usize| DownedLogAbove::new(&deadwood.downed_logs, i, view);
+        seen.downed_logs.iter().map(downed_log).collect()
     });
     let snags: Vec<SnagAbove> = dead.map_or_else(Vec::new, |(deadwood, seen)| {
         let snag = |&i: &usize| SnagAbove::new(&deadwood.snags, i, biome, view);
         seen.snags.iter().map(snag).collect()
     });
-    let is_below = |&i: &usize| !logs.is_empty() && plants.height_m[i] < BELOW_DOWNED_LOGS_M;
+    let is_below = |&i: &usize| !downed_logs.is_empty() && plants.height_m[i] < BELOW_DOWNED_LOGS_M;
     let (below, above): (Vec<usize>, Vec<usize>) =
         seen.undergrowth.iter().copied().partition(is_below);
     let [below, above] = [below, above].map(|some| -> Vec<LowPlant> {
@@ -150,7 +150,7 @@ pub fn draw(
     });
     sheet.draw(|band| {
         below.iter().for_each(|plant| plant.draw(band));
-        logs.iter().for_each(|log| log.draw(band));
+        downed_logs.iter().for_each(|downed_log| downed_log.draw(band));
         above.iter().for_each(|plant| plant.draw(band));
         shade(band, &trees);
         snags.iter().for_each(|snag| snag.branches(band));

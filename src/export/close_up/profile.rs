@@ -287,7 +287,9 @@ impl Transect {
                 match thing {
                     Thing::Plant(plant) => plant.draw(band),
                     Thing::Snag(snag) => snag.draw(band),
-                    Thing::DownedLog(log) => log.draw(band, |col| self.row(self.ground_m[col])),
+                    Thing::DownedLog(downed_log) => {
+                        downed_log.draw(band, |col| self.row(self.ground_m[col]))
+                    }
                 }
             }
             self.draw_ground(band);

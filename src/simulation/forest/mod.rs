@@ -1,6 +1,6 @@
 //! Whole forests over centuries: growth, seeding, disturbance, death and decay, year by year.
 //!
-//! Reading order: `ground` (what does not live), `run` (the forest and its year), `fuel`, `storms`, `outbreaks` (what disturbances meet
+//! Reading order: `ground` (what does not live), `run` (the forest and its year), `seeds`, `fuel`, `storms`, `outbreaks` (what disturbances meet
 //! there), `deaths` (what becomes of dead plants), `tally` (its figures), `state` (what a run goes on from), `results` (what a scene
 //! gets of it).
 //!
@@ -13,6 +13,7 @@ mod ground;
 mod outbreaks;
 mod results;
 mod run;
+mod seeds;
 mod state;
 mod storms;
 mod tally;

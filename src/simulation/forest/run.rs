@@ -3,15 +3,17 @@
 use super::deaths::Toll;
 use super::ground::ForestGround;
 use super::outbreaks::Outbreak;
+use super::seeds::SeedMap;
 use super::tally::{self, Tally, YearTally};
-use crate::plants::Plants;
 use crate::plants::deadwood::{LifeEvent, TimelineRow};
+use crate::plants::{Layer, Plants};
 use crate::raster::{Frame, Grid, MONTHS, MonthlyGrid};
 use crate::simulation::community::{Circumstances, Losses, Season};
 use crate::simulation::deadwood::falling::StandingTrunks;
 use crate::simulation::deadwood::stock::Surroundings;
 use crate::simulation::deadwood::{DecayParameters, Stock};
 use crate::simulation::disturbance::{Disturbance, Event};
+use crate::simulation::parameters::Seeding;
 use crate::simulation::traits::Traits;
 use crate::simulation::{Community, Parameters, Plot};
 use crate::species::Biome;
@@ -84,7 +86,8 @@ impl Forest {
         forest
     }
 
-    /// The same with plants of a scene, as large as they are, their ages from their heights and their reserves full.
+    /// The same with plants of a scene, as large as they are, their ages from their heights and their reserves full. Trees of its
+    /// canopy are acclimated to where they stand.
     ///
     /// # Panics
     /// If a species is none of the biome's.
@@ -107,6 +110,9 @@ impl Forest {
             community.carbon_pool[last] = community.pool_capacity(last);
             community.vigor[last] = plants.vigor[plant];
         }
+        let standing: Vec<bool> =
+            plants.layer.iter().map(|layer| *layer == Layer::Canopy).collect();
+        self.community.acclimate(&standing);
         self.tally.present = plants.len() as u64;
         self.timeline.clear();
         self.take_stock(&YearTally::new(self.biome.species.len()));
@@ -119,6 +125,7 @@ impl Forest {
     /// If an event is of another year.
     pub fn live_a_year(&mut self, events: &[Event]) {
         self.community.begin_year();
+        self.lay_seeds();
         let year = self.community.year();
         assert!(events.iter().all(|event| event.year == year), "an event of another year");
         let (plants, first_of_year) = (self.community.len(), self.history.len());
@@ -188,6 +195,19 @@ impl Forest {
             let around =
                 Circumstances { downed_logs: &self.downed_log_cells, losses: Some(losses) };
             self.community.grow(from..to, &around, season);
+        }
+    }
+
+    /// Lays the year's seeds, where those of sub-biomes are to be told apart.
+    fn lay_seeds(&mut self) {
+        let parameters = *self.community.parameters();
+        let Seeding::Everywhere { chance_by_tree_per_year, .. } = parameters.seeding else {
+            return;
+        };
+        if self.biome.sub_biomes.len() > 1 {
+            let by_tree = chance_by_tree_per_year / parameters.seed_chance_per_year;
+            let seeds = SeedMap::of(&self.community, &self.biome, &parameters, by_tree);
+            self.community.plot_mut().set_seeds(|row, col| seeds.at(row, col));
         }
     }
 

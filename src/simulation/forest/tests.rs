@@ -199,7 +199,8 @@ fn assert_decay(before: &Forest, after: &Forest) {
         assert!(downed_log.decayed_years >= old.decayed_years);
         assert!(downed_log.decay_class() >= old.decay_class());
     }
-    let ids: BTreeSet<u64> = after.stock.downed_logs.iter().map(|log| log.id).collect();
+    let ids: BTreeSet<u64> =
+        after.stock.downed_logs.iter().map(|downed_log| downed_log.id).collect();
     assert_eq!(ids.len(), after.stock.downed_logs.len(), "ids of downed logs are unique");
 }
 
@@ -212,7 +213,8 @@ fn assert_timeline(forest: &Forest) {
         let of = |species: u16| species == row.species;
         let live = community.species.iter().filter(|s| of(**s)).count();
         let snags = stock.snags.iter().filter(|snag| of(snag.species)).count();
-        let downed_logs = stock.downed_logs.iter().filter(|log| of(log.species)).count();
+        let downed_logs =
+            stock.downed_logs.iter().filter(|downed_log| of(downed_log.species)).count();
         let found = [row.live, row.snags, row.downed_logs].map(|count| count as usize);
         assert_eq!(found, [live, snags, downed_logs], "{row:?}");
     }
@@ -256,7 +258,9 @@ fn no_plant_is_lost_and_nothing_dead_lives_or_grows() {
         assert!(forest.stock.snags.iter().all(|snag| died.contains(&snag.id)));
         assert_decay(&before, &forest);
         assert_timeline(&forest);
-        kinds.extend(forest.stock.downed_logs.iter().map(|log| (log.kind, log.cause)));
+        kinds.extend(
+            forest.stock.downed_logs.iter().map(|downed_log| (downed_log.kind, downed_log.cause)),
+        );
     }
     let timeline = forest.timeline().iter();
     let [mut sprouted, mut deaths] = [0_u64; 2];
@@ -272,7 +276,9 @@ fn no_plant_is_lost_and_nothing_dead_lives_or_grows() {
         .chain(forest.stock.snags.iter().map(|snag| snag.id))
         .chain(forest.community.id.iter().copied())
         .collect();
-    assert!(forest.stock.downed_logs.iter().all(|log| known.contains(&log.parent_id)));
+    assert!(
+        forest.stock.downed_logs.iter().all(|downed_log| known.contains(&downed_log.parent_id))
+    );
     // and there was something to hold to all this
     assert!(forest.stock.snags.len() > 30 && forest.stock.downed_logs.len() > 30);
     assert!(forest.burnt_m2().len() == 2 && forest.burnt_m2()[0].1 > 1000.0);
@@ -311,7 +317,7 @@ fn a_stored_forest_goes_on_as_if_it_had_not_stopped() {
     assert!(bytes(&at_once.state()) == bytes(&second.state()));
 }
 
-/// Long logs of class 3 or 1 from west to east, 4 m apart, that outlast the test.
+/// Long downed logs of class 3 or 1 from west to east, 4 m apart, that outlast the test.
 fn lay_logs(forest: &mut Forest, decayed_fraction: f32) -> Vec<bool> {
     let [rows, cols] = [forest.community.plot().rows, forest.community.plot().cols];
     let mut cells = vec![false; rows * cols];
@@ -339,7 +345,7 @@ fn lay_logs(forest: &mut Forest, decayed_fraction: f32) -> Vec<bool> {
     cells
 }
 
-/// Seedlings of each species on logs and off them, summed over some young forests, and the area of both in m².
+/// Seedlings of each species on downed logs and off them, summed over some young forests, and the area of both in m².
 fn seedlings(biome: &Biome, decayed_fraction: f32) -> [(Vec<f32>, f32); 2] {
     let species = biome.species.len();
     let mut sums = [(vec![0.0; species], 0.0), (vec![0.0; species], 0.0)];
@@ -379,7 +385,7 @@ fn decaying_logs_nurse_seedlings_and_the_more_those_that_like_them() {
     assert!((decaying / 5.58 - 1.0).abs() < 0.1, "{decaying}");
     let sound = ratio(&seedlings(biome, 0.05));
     assert!((sound - 1.0).abs() < 0.1, "{sound}");
-    // of two that are alike but for α, off logs both sprout as often, on them as α says
+    // of two that are alike but for α, off downed logs both sprout as often, on them as α says
     let [beech, oak] = [BEECH, "sessile-oak"].map(|key| biome.species_index(key).unwrap());
     let mut alike = biome.clone();
     let alpha = alike.species[oak].decay.log_seeding_multiplier;
@@ -438,9 +444,11 @@ fn a_storm_throws_trees_downwind_in_its_month() {
     let mut forest = stand(5, &[FIR, BEECH], 200);
     let before = forest.clone();
     forest.live_a_year(&[event(1, 11, storm(45.0))]);
-    let logs = &forest.stock.downed_logs;
-    let stems: Vec<&DownedLog> = (logs.iter())
-        .filter(|log| log.kind != DownedLogKind::Branch && log.cause == Cause::Storm)
+    let downed_logs = &forest.stock.downed_logs;
+    let stems: Vec<&DownedLog> = (downed_logs.iter())
+        .filter(|downed_log| {
+            downed_log.kind != DownedLogKind::Branch && downed_log.cause == Cause::Storm
+        })
         .collect();
     assert!(stems.len() > 30, "{}", stems.len());
     for stem in &stems {
@@ -590,4 +598,21 @@ proptest! {
         }
         prop_assert_eq!(downed_log.is_gone(), density == 0.0);
     }
+}
+
+#[test]
+fn trees_that_stand_in_a_canopy_live_where_they_stand() {
+    let starved = |forest: &mut Forest| {
+        forest.live_a_year(&[]);
+        let died = |e: &&LifeEvent| e.kind == LifeEventKind::Died && e.cause == Cause::Competition;
+        forest.history().iter().filter(died).filter(|e| e.plant_id < 160).count()
+    };
+    // pines of the open beneath beeches
+    let mut acclimated = stand(3, &["mountain-pine", BEECH], 160);
+    let mut plain = acclimated.clone();
+    plain.community.acclimation.fill(0.0);
+    assert!(acclimated.community.acclimation.iter().any(|bonus| *bonus > 0.0));
+    live(&mut plain, &[], 2);
+    let [acclimated, plain] = [&mut acclimated, &mut plain].map(starved);
+    assert!(acclimated == 0 && plain > 10, "{acclimated} and {plain}");
 }
