@@ -3,7 +3,7 @@
 //! Reading order: [`preview`] (a map sheet as PNG), its parts [`layout`], [`relief`], [`ramp`], [`rivers`], [`scale`],
 //! [`fit`]; of forests [`crown_layer`], [`deadwood_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
 //! from the side); [`timeline`] (its years) with [`chart`]; what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`]. Of 3D formats:
-//! [`instances`].
+//! [`instances`]. Of tables: [`selection`] (what of a scene is exported).
 
 pub mod canvas;
 pub mod chart;
@@ -20,7 +20,24 @@ pub mod ramp;
 pub mod relief;
 pub mod rivers;
 pub mod scale;
+pub mod selection;
 pub mod species_legend;
 pub mod species_panel;
 pub mod strokes;
 pub mod timeline;
+
+use crate::progress::Cancelled;
+
+/// Why an export was not written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs, reason = "the message tells what the fields are")]
+pub enum WriteError {
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The format cannot hold what is selected.
+    #[error("{what}")]
+    Refused { what: String },
+}
