@@ -23,6 +23,7 @@ pub mod lettering;
 pub mod preview;
 pub mod ramp;
 pub mod relief;
+pub mod report;
 pub mod rivers;
 pub mod scale;
 pub mod selection;

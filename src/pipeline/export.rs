@@ -72,10 +72,7 @@ pub struct Exported {
 /// If the folder holds no scene, nothing is selected, the format cannot hold it, or the output cannot be written.
 pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Error> {
     let format = format_of(request)?;
-    let manifest = Manifest::read(&request.folder)?.ok_or_else(|| {
-        let folder = request.folder.display();
-        Error::Usage { what: format!("{folder}: no scene there; name a folder from wildwood grow") }
-    })?;
+    let manifest = read_manifest(&request.folder)?;
     check_apart(request, &manifest)?;
     let output = Output::begin(&request.output, format)?;
     let selection = select(request, &manifest, format, reporter)?;
@@ -188,8 +185,32 @@ fn select(
     format: ExportFormat,
     reporter: &Reporter,
 ) -> Result<Selection, Error> {
+    let scene = read_scene(&request.folder, manifest, reporter)?;
+    let filter = holdable(&request.filter, format, &scene)?;
+    Ok(Selection::new(scene, &filter)?)
+}
+
+/// What a scene folder says of itself.
+///
+/// # Errors
+/// If it holds no scene.
+pub(super) fn read_manifest(folder: &Path) -> Result<Manifest, Error> {
+    Manifest::read(folder)?.ok_or_else(|| {
+        let folder = folder.display();
+        Error::Usage { what: format!("{folder}: no scene there; name a folder from wildwood grow") }
+    })
+}
+
+/// Terrain, plants and deadwood of a scene.
+///
+/// # Errors
+/// If a file cannot be read or is damaged.
+pub(super) fn read_scene(
+    folder: &Path,
+    manifest: &Manifest,
+    reporter: &Reporter,
+) -> Result<SceneContent, Error> {
     let stage = reporter.stage("read scene", 2);
-    let folder = &request.folder;
     let biome = Biome::builtin(&manifest.scene.biome)?;
     let elevation_m = import::load_terrain(folder, manifest)?.elevation_m;
     reporter.check_cancelled()?;
@@ -207,9 +228,7 @@ fn select(
     let years = manifest.stages.get(age::STAGE).and_then(|stage| stage.figures.get("years"));
     let years = years.and_then(toml::Value::as_integer).unwrap_or(0);
     let years = u32::try_from(years).unwrap_or(0);
-    let scene = SceneContent { name, biome, elevation_m, plants, deadwood, years };
-    let filter = holdable(&request.filter, format, &scene)?;
-    Ok(Selection::new(scene, &filter)?)
+    Ok(SceneContent { name, biome, elevation_m, plants, deadwood, years })
 }
 
 /// The filter, with the layers that the format can hold where none are asked for.

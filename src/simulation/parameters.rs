@@ -34,6 +34,8 @@ pub enum Seeding {
         chance_on_downed_logs_per_year: f32,
         /// γ that each tree within reach gives beside, up to [`Parameters::most_seed_chance_per_year`].
         chance_by_tree_per_year: f32,
+        /// γ of ground that no tree's seeds reach, once trees stand somewhere.
+        chance_from_afar_per_year: f32,
     },
 }
 
@@ -83,6 +85,9 @@ pub struct Parameters {
 /// Seedlings that sprout in whole forests on bare ground. chosen: twelve times the Pyrenees' rate, so that pioneers of Sonoma,
 /// which live for a few years, find each other.
 const SEEDLINGS_PER_M2_YEAR: f32 = 0.25;
+/// Seedlings on ground that no tree's seeds reach, once trees stand. chosen: the Pyrenees' rate; with that of bare ground the open
+/// parts of a savanna fill with shrubs at once.
+const FAR_SEEDLINGS_PER_M2_YEAR: f32 = 0.02;
 /// Most that sprout among trees. chosen: the undergrowth of a grown scene stays as dense as it was, within 30 %; with 1, herbs
 /// halve, with 0.25 they fall to a fifth.
 const MOST_SEEDLINGS_PER_M2_YEAR: f32 = 3.0;
@@ -132,7 +137,7 @@ impl Parameters {
     /// # Departures
     /// Their rate, 0.02 seedlings on a m² in a year, is the Pyrenees', which [`Biome::most_seedlings_per_m2_year`] has. Where herbs
     /// take most of the places, as in Sonoma, it keeps neither ferns nor trees. There each tree within reach adds its seeds, as
-    /// for undergrowth ([`Self::kapp2020`]), to what bare ground has.
+    /// for undergrowth ([`Self::kapp2020`]), and bare ground has more than the Pyrenees'.
     pub fn forest(biome: &Biome) -> Self {
         let parameters = Self::peytavie2024();
         let cell_m2 = parameters.cell_m * parameters.cell_m;
@@ -150,6 +155,7 @@ impl Parameters {
             chance_on_downed_logs_per_year: (chance * nursed / parameters.seed_chance_per_year)
                 .min(1.0),
             chance_by_tree_per_year: by_tree,
+            chance_from_afar_per_year: at_most(FAR_SEEDLINGS_PER_M2_YEAR),
         };
         Self {
             seed_chance_per_year: chance,
@@ -184,6 +190,7 @@ impl Parameters {
             seeding: Seeding::Everywhere {
                 chance_on_downed_logs_per_year: 0.0279,
                 chance_by_tree_per_year: 0.0,
+                chance_from_afar_per_year: 0.005,
             },
             ..Self::kapp2020()
         }

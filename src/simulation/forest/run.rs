@@ -13,7 +13,6 @@ use crate::simulation::deadwood::falling::StandingTrunks;
 use crate::simulation::deadwood::stock::Surroundings;
 use crate::simulation::deadwood::{DecayParameters, Stock};
 use crate::simulation::disturbance::{Disturbance, Event};
-use crate::simulation::parameters::Seeding;
 use crate::simulation::traits::Traits;
 use crate::simulation::{Community, Parameters, Plot};
 use crate::species::Biome;
@@ -200,13 +199,8 @@ impl Forest {
 
     /// Lays the year's seeds, where those of sub-biomes are to be told apart.
     fn lay_seeds(&mut self) {
-        let parameters = *self.community.parameters();
-        let Seeding::Everywhere { chance_by_tree_per_year, .. } = parameters.seeding else {
-            return;
-        };
         if self.biome.sub_biomes.len() > 1 {
-            let by_tree = chance_by_tree_per_year / parameters.seed_chance_per_year;
-            let seeds = SeedMap::of(&self.community, &self.biome, &parameters, by_tree);
+            let seeds = SeedMap::of(&self.community, &self.biome);
             self.community.plot_mut().set_seeds(|row, col| seeds.at(row, col));
         }
     }

@@ -1,7 +1,7 @@
 //! Seeds of a forest: of which sub-biomes, and how many, by the trees that stand near.
 //!
 //! A bank of seeds of all species lies on bare ground (Peytavie et al. 2024). Once trees stand, ground within reach of them has
-//! seeds of their sub-biomes, and the more the more trees there are (Kapp et al. 2020); ground beyond has those of the nearest.
+//! seeds of their sub-biomes, and the more the more trees there are (Kapp et al. 2020); ground beyond has a few of the nearest's.
 //! Without this, redwoods come up all over a savanna that is wet enough for them.
 //!
 //! # Reference
@@ -9,6 +9,7 @@
 
 use rayon::prelude::*;
 
+use crate::simulation::parameters::Seeding;
 use crate::simulation::seedbank::{self, Seeds};
 use crate::simulation::{Community, Parameters, disk_span};
 use crate::species::Biome;
@@ -40,8 +41,8 @@ pub(super) struct SeedMap {
 }
 
 impl SeedMap {
-    /// Seeds of a community's trees, of which each gives `by_tree` times the chance that bare ground has.
-    pub fn of(community: &Community, biome: &Biome, parameters: &Parameters, by_tree: f32) -> Self {
+    /// Seeds of a community's trees; chances are counted in those of bare ground.
+    pub fn of(community: &Community, biome: &Biome) -> Self {
         let ([ground_rows, ground_cols], ground_m) = community.plot().ground_size();
         let side = (LEAST_BLOCK_M / ground_m).ceil().max(1.0) as usize;
         let (rows, cols) = (ground_rows.div_ceil(side), ground_cols.div_ceil(side));
@@ -52,7 +53,7 @@ impl SeedMap {
             block_m: ground_m * side as f32,
             blocks: vec![Seeds::default(); rows * cols],
         };
-        map.sow(&bearing(community, biome), parameters, by_tree);
+        map.sow(&bearing(community, biome), community.parameters());
         map.spread();
         map
     }
@@ -63,8 +64,15 @@ impl SeedMap {
         self.blocks[row / self.side * self.cols + col / self.side]
     }
 
-    fn sow(&mut self, bearing: &[SeedTree], parameters: &Parameters, by_tree: f32) {
-        let most = parameters.most_seed_chance_per_year / parameters.seed_chance_per_year;
+    fn sow(&mut self, bearing: &[SeedTree], parameters: &Parameters) {
+        let Seeding::Everywhere { chance_by_tree_per_year, chance_from_afar_per_year, .. } =
+            parameters.seeding
+        else {
+            return;
+        };
+        let share = |chance_per_year: f32| chance_per_year / parameters.seed_chance_per_year;
+        let (by_tree, least) = (share(chance_by_tree_per_year), share(chance_from_afar_per_year));
+        let most = share(parameters.most_seed_chance_per_year);
         let (rows, cols, block_m) = (self.rows, self.cols, self.block_m);
         let strips = self.blocks.par_chunks_mut(STRIP_ROWS * cols).enumerate();
         strips.for_each(|(strip, blocks)| {
@@ -86,7 +94,7 @@ impl SeedMap {
                 }
             }
             for block in blocks {
-                block.chance_per_year = block.chance_per_year.max(1.0).min(most);
+                block.chance_per_year = block.chance_per_year.max(least).min(most);
             }
         });
     }
@@ -145,7 +153,6 @@ mod tests {
     use super::*;
     use crate::raster::MONTHS;
     use crate::simulation::Plot;
-    use crate::simulation::parameters::Seeding;
     use crate::simulation::plot::GroundCell;
 
     /// Seeds on 200 × 200 m with trees of these sub-biomes, 20 m high, at these places.
@@ -165,11 +172,7 @@ mod tests {
             community.plant(index as u64, species, *at, 60.0);
             (community.height_m[index], community.crown_radius_m[index]) = (20.0, 2.0);
         }
-        let Seeding::Everywhere { chance_by_tree_per_year, .. } = parameters.seeding else {
-            panic!("forests have a bank of seeds")
-        };
-        let by_tree = chance_by_tree_per_year / parameters.seed_chance_per_year;
-        (SeedMap::of(&community, &biome, &parameters, by_tree), parameters)
+        (SeedMap::of(&community, &biome), parameters)
     }
 
     #[test]
@@ -196,8 +199,12 @@ mod tests {
             let share = seeds.at(50, 50).chance_per_year;
             share * parameters.seed_chance_per_year / (parameters.cell_m * parameters.cell_m)
         };
-        // seedlings on a m² in a year: a tree gives 0.075 (0.003 in 0.04 m²), bare ground has 0.25
-        assert!((at(1) - 0.25).abs() < 1e-6 && (at(10) - 0.75).abs() < 1e-5, "{}", at(10));
-        assert!((at(100) - 3.0).abs() < 1e-5, "{}", at(100));
+        // seedlings on a m² in a year: a tree gives 0.075 (0.003 in 0.04 m²)
+        for (trees, seedlings) in [(1, 0.075), (10, 0.75), (100, 3.0)] {
+            assert!((at(trees) - seedlings).abs() < 1e-5, "{trees}: {}", at(trees));
+        }
+        // ground that none reaches has some, bare ground more
+        let (seeds, _) = seeds_among(&[(0, [30.0, 100.0])]);
+        assert!((seeds.at(50, 90).chance_per_year - 0.08).abs() < 1e-6);
     }
 }

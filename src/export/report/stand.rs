@@ -1,0 +1,159 @@
+//! Figures of a stand, as foresters give them.
+
+use crate::export::selection::SceneContent;
+use crate::plants::Layer;
+
+/// Least stem that counts in basal areas and numbers of stems, m. Peytavie et al. 2024, section 7.2: 7.5 cm.
+pub const LEAST_DBH_M: f32 = 0.075;
+/// Stems a hectare whose mean height is the dominant height. As the field has it.
+const DOMINANT_PER_HA: f64 = 100.0;
+/// Stem that stand density is counted in, m. Reineke 1933: 25 cm (ten inches).
+const REINEKE_DBH_M: f64 = 0.254;
+/// Exponent of Reineke's law.
+const REINEKE_EXPONENT: f64 = 1.605;
+
+/// Figures of the living and the dead on a hectare.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Stand {
+    /// Ground, ha; masked cells left out.
+    pub hectares: f64,
+    /// Canopy trees a hectare.
+    pub canopy_per_ha: f64,
+    /// Live stems of [`LEAST_DBH_M`] and more a hectare.
+    pub stems_per_ha: f64,
+    /// Their basal area, m²/ha.
+    pub basal_area_m2_ha: f64,
+    /// Diameter of the stem of mean basal area, m.
+    pub quadratic_mean_dbh_m: f64,
+    /// Mean height of the hundred thickest stems a hectare, m.
+    pub dominant_height_m: f64,
+    /// Mean height weighed by basal area, m (Lorey's).
+    pub lorey_height_m: f64,
+    /// Stems of 25 cm a hectare that would be as crowded (Reineke 1933).
+    pub stand_density_index: f64,
+    /// Median of height over dbh of canopy trees.
+    pub slenderness: f64,
+    /// Median of crown diameter over height of canopy trees.
+    pub crown_to_height: f64,
+    /// Distance to the nearest canopy tree over that of trees strewn by chance (Clark & Evans 1954): 1 by chance, more is even.
+    pub clark_evans: f64,
+    /// Undergrowth plants a hectare.
+    pub undergrowth_per_ha: f64,
+    /// Basal area of snags, m²/ha.
+    pub snag_m2_ha: f64,
+    /// Their share of standing basal area.
+    pub snags_of_standing_fraction: f64,
+    /// Volume of downed logs when they came down, m³/ha.
+    pub downed_log_m3_ha: f64,
+    /// Snags a hectare, stems of [`LEAST_DBH_M`] and more.
+    pub snags_per_ha: f64,
+}
+
+impl Stand {
+    /// Figures of a scene.
+    pub fn of(scene: &SceneContent) -> Self {
+        let (plants, frame) = (&scene.plants, scene.elevation_m.frame());
+        let cell_m2 = f64::from(frame.cell_m()) * f64::from(frame.cell_m());
+        let valid = scene.elevation_m.mask().as_slice().iter().filter(|valid| **valid).count();
+        let hectares = valid as f64 * cell_m2 / 10_000.0;
+        let canopy: Vec<usize> =
+            (0..plants.len()).filter(|i| plants.layer[*i] == Layer::Canopy).collect();
+        let mut stems: Vec<[f64; 2]> = (0..plants.len())
+            .filter(|i| plants.dbh_m[*i] >= LEAST_DBH_M)
+            .map(|i| [f64::from(plants.dbh_m[i]), f64::from(plants.height_m[i])])
+            .collect();
+        stems.sort_by(|a, b| b[0].total_cmp(&a[0]).then(b[1].total_cmp(&a[1])));
+        let area_m2 = |dbh_m: f64| std::f64::consts::FRAC_PI_4 * dbh_m * dbh_m;
+        let basal_m2: f64 = stems.iter().map(|[dbh, _]| area_m2(*dbh)).sum();
+        let count = stems.len() as f64;
+        let mean_square = stems.iter().map(|[dbh, _]| dbh * dbh).sum::<f64>() / count.max(1.0);
+        let quadratic_mean_dbh_m = mean_square.sqrt();
+        let dominant = ((DOMINANT_PER_HA * hectares).round() as usize).min(stems.len());
+        let dominant_height_m = stems[..dominant].iter().map(|[_, height]| height).sum::<f64>()
+            / dominant.max(1) as f64;
+        let lorey = stems.iter().map(|[dbh, height]| area_m2(*dbh) * height).sum::<f64>();
+        let thickness = quadratic_mean_dbh_m / REINEKE_DBH_M;
+        let crowding = crate::math::powf_f64(thickness, REINEKE_EXPONENT);
+        let ratios = |of: &dyn Fn(usize) -> [f32; 2]| {
+            let ratio = |i: &usize| {
+                let [a, b] = of(*i);
+                (b > 0.0).then(|| f64::from(a / b))
+            };
+            median(canopy.iter().filter_map(ratio).collect())
+        };
+        let dead = scene.deadwood.as_ref();
+        let snag_dbhs = || {
+            let dbhs = dead.map_or(&[][..], |dead| &dead.snags.dbh_m);
+            dbhs.iter().filter(|dbh| **dbh >= LEAST_DBH_M).map(|dbh| f64::from(*dbh))
+        };
+        let snag_m2: f64 = snag_dbhs().map(area_m2).sum();
+        let downed_m3 = dead.map_or(0.0, |dead| {
+            (0..dead.downed_logs.len()).map(|i| dead.downed_logs.volume_m3(i)).sum()
+        });
+        let per_ha = |number: f64| number / hectares.max(1e-9);
+        Self {
+            hectares,
+            canopy_per_ha: per_ha(canopy.len() as f64),
+            stems_per_ha: per_ha(count),
+            basal_area_m2_ha: per_ha(basal_m2),
+            quadratic_mean_dbh_m,
+            dominant_height_m,
+            lorey_height_m: lorey / basal_m2.max(1e-9),
+            stand_density_index: per_ha(count) * crowding,
+            slenderness: ratios(&|i| [plants.height_m[i], plants.dbh_m[i]]),
+            crown_to_height: ratios(&|i| [2.0 * plants.crown_radius_m[i], plants.height_m[i]]),
+            clark_evans: clark_evans(scene, &canopy, hectares),
+            undergrowth_per_ha: per_ha((plants.len() - canopy.len()) as f64),
+            snag_m2_ha: per_ha(snag_m2),
+            snags_of_standing_fraction: snag_m2 / (snag_m2 + basal_m2).max(1e-9),
+            downed_log_m3_ha: per_ha(downed_m3),
+            snags_per_ha: per_ha(snag_dbhs().count() as f64),
+        }
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Mean distance to the nearest neighbour over half the root of the mean ground a tree has.
+///
+/// # Reference
+/// Clark & Evans 1954, doi:10.2307/1931034, without a correction for the rim.
+fn clark_evans(scene: &SceneContent, canopy: &[usize], hectares: f64) -> f64 {
+    if canopy.len() < 2 {
+        return 0.0;
+    }
+    let plants = &scene.plants;
+    let mean_m = 100.0 * (hectares / canopy.len() as f64).sqrt();
+    // a bucket has a tree on average; neighbours lie within a few rings of buckets
+    let bucket = |at_m: f32| (f64::from(at_m) / mean_m).max(0.0) as usize;
+    let rows = canopy.iter().map(|i| bucket(plants.north_m[*i])).max().unwrap_or(0) + 1;
+    let cols = canopy.iter().map(|i| bucket(plants.east_m[*i])).max().unwrap_or(0) + 1;
+    let mut buckets: Vec<Vec<usize>> = vec![Vec::new(); rows * cols];
+    for i in canopy {
+        buckets[bucket(plants.north_m[*i]) * cols + bucket(plants.east_m[*i])].push(*i);
+    }
+    let nearest_m = |i: usize| {
+        let (row, col) = (bucket(plants.north_m[i]), bucket(plants.east_m[i]));
+        let mut least = f64::INFINITY;
+        for ring in 1..rows.max(cols) + 1 {
+            for row in row.saturating_sub(ring)..(row + ring + 1).min(rows) {
+                for col in col.saturating_sub(ring)..(col + ring + 1).min(cols) {
+                    for other in buckets[row * cols + col].iter().filter(|other| **other != i) {
+                        let east = f64::from(plants.east_m[*other] - plants.east_m[i]);
+                        let north = f64::from(plants.north_m[*other] - plants.north_m[i]);
+                        least = least.min((east * east + north * north).sqrt());
+                    }
+                }
+            }
+            if least <= ring as f64 * mean_m {
+                break;
+            }
+        }
+        least
+    };
+    let sum: f64 = canopy.iter().map(|i| nearest_m(*i)).filter(|m| m.is_finite()).sum();
+    sum / canopy.len() as f64 / (0.5 * mean_m)
+}
