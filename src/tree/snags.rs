@@ -10,12 +10,11 @@ use super::crowns::Build;
 use super::habit::{CrownStyle, Habit};
 use super::mesh::{Material, Mesh};
 use super::outline::half_width;
-use super::sculptor::{Dice, Knot, Sculptor, along, level, unit};
+use super::sculptor::{Dice, GOLDEN_RAD, Knot, Sculptor, along, level, unit};
 use super::stem::{STEM_SIDES, Stem};
 use crate::math;
 use crate::species::Species;
 
-const GOLDEN_RAD: f32 = 2.399_963;
 /// Primary branches of a whole snag of decay class 1–3, by level of detail.
 const BRANCHES: [[usize; 3]; 3] = [[22, 15, 7], [9, 7, 4], [4, 3, 2]];
 /// Twigs of a branch of class 1.
@@ -148,7 +147,8 @@ fn stand(
 /// Adds a stem whose lower part has bark and whose upper part is bare.
 fn bark_and_wood(sculptor: &mut Sculptor, knots: &[Knot], class: usize, top_m: f32, sides: usize) {
     let bark_m = BARK_FRACTION[class] * top_m;
-    let split = knots.iter().filter(|knot| knot.at[2] <= bark_m).count();
+    let has_bark = |knot: &&Knot| bark_m > 0.0 && knot.at[2] <= bark_m;
+    let split = knots.iter().filter(has_bark).count();
     if split >= 2 {
         sculptor.tube(Material::Bark, &knots[..split], sides, true);
     }

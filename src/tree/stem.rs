@@ -25,7 +25,7 @@ pub const STEM_SIDES: [usize; 3] = [7, 4, 3];
 /// How stems taper: diameter falls with this power of the distance from the top. chosen: gives the form factor 0.45, as in `simulation::deadwood`.
 const TAPER_EXPONENT: f32 = 0.61;
 /// How much thicker stems are at the ground than their taper tells. chosen: the butts of grown trees.
-const FLARE: f32 = 0.35;
+const FLARE: f32 = 0.28;
 /// Height to which the flare reaches, as a share of the plant's.
 const FLARE_FRACTION: f32 = 0.06;
 
