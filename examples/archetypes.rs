@@ -67,8 +67,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let lies = archetype.key.contains("downed");
             let wide_m = if lies { sx + sy } else { 2.1 * sx };
             // stumps are not blown up to the size of trees
-            let high_m =
-                if lies { 4.0 * sz } else { (1.05 * sz + 0.3 * sx).max(3.5 * sx.min(sz)) };
+            let high_m = if lies { 4.0 * sz } else { (1.05 * sz + 0.3 * sx).max(3.5 * sx.min(sz)) };
             let field = Field {
                 left: (column * field_px) as f32,
                 bottom: ((row + 1) * field_px) as f32

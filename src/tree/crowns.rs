@@ -135,7 +135,7 @@ pub fn shrub(species: &Species, build: &Build, dice: &mut Dice, detail: usize) -
             Stem {
                 height_m: build.height_m,
                 diameter_m: build.dbh_m / (count as f32).sqrt(),
-                end_fraction: dice.between(0.6, 0.8),
+                end_fraction: dice.between(0.75, 0.86),
                 is_broken: false,
                 foot_m: [foot * out[0], foot * out[1]],
                 bend_m: [0.1 * reach * out[0], 0.1 * reach * out[1]],
@@ -145,7 +145,7 @@ pub fn shrub(species: &Species, build: &Build, dice: &mut Dice, detail: usize) -
         .collect();
     for stem in &stems {
         let sides = if detail == 0 { 4 } else { 3 };
-        let knots = stem.knots(if detail == 0 { 1 } else { 2 });
+        let knots = stem.knots(if detail == 0 { 0 } else { 2 });
         sculptor.tube(Material::Bark, &knots, sides, true);
     }
     crown(&mut sculptor, species, &habit, build, &stems, dice, detail);
@@ -200,7 +200,8 @@ fn tiers(
         let t = (tier as f32 + 0.15) / count as f32;
         let shade = if t < 0.1 { 0.8 + 2.0 * t } else { 1.0 };
         let reach = radius_m * math::powf(1.0 - t, roundness) * shade;
-        let reach = reach * if detail == 0 { dice.between(1.0 - 0.5 * raggedness, 1.0) } else { 1.0 };
+        let reach =
+            reach * if detail == 0 { dice.between(1.0 - 0.5 * raggedness, 1.0) } else { 1.0 };
         let middle_m = base_m + t * crown_m + (droop * reach).max(0.0).min(0.6 * gap_m);
         let is_top = tier + 1 == count;
         let top_m = if is_top { build.height_m } else { middle_m + thickness * gap_m };
@@ -251,7 +252,11 @@ fn clumps(
 ) {
     let CrownStyle::Clumps { count, size, flatness, looseness } = *style else { return };
     let is_low = build.height_m < 2.0;
-    let count = count.min(if is_low { 7 } else { MOST_CLUMPS });
+    let count = count.min(match stems.len() {
+        _ if is_low => 7,
+        1 => MOST_CLUMPS,
+        _ => 11,
+    });
     let (base_m, crown_m, radius_m) = (build.base_m(), build.crown_m(), build.radius_m);
     let shape = species.crown.shape;
     // long crowns have long clumps, so that no gaps gape

@@ -86,7 +86,7 @@ pub fn mat(species: &Species, dice: &mut Dice, detail: usize) -> Mesh {
     let (height_m, radius_m) = typical_m(species);
     let mut sculptor = Sculptor::default();
     if detail == 2 {
-        let rings = [(0.35 * height_m, radius_m), (0.8 * height_m, 0.7 * radius_m)];
+        let rings = [(0.25 * height_m, radius_m), (0.75 * height_m, 0.88 * radius_m)];
         let lathe = Lathe {
             axis: [0.0; 2],
             low_m: 0.0,

@@ -261,7 +261,7 @@ impl Sculptor {
                 std::array::from_fn(|k| place[k] + size * (x * u[k] + y * v[k]))
             };
             let kite = [at(-0.62, 0.0), at(0.1, -0.45), at(0.85, 0.0), at(0.1, 0.45)];
-            let light = along(along(own, 0.6, crown), STRAY, stray);
+            let light = unit(along(along(own, 0.6, crown), STRAY, stray));
             let material = Material::Foliage;
             let front = kite.map(|p| self.vertex(material, p, light));
             self.triangle(material, [front[0], front[1], front[2]]);
@@ -322,13 +322,22 @@ impl Sculptor {
                 i.checked_sub(1).map_or((low_m, 0.0), |j| rings[j]),
                 rings.get(i + 1).copied().unwrap_or((high_m, 0.0)),
             );
-            let facing = (low.1 - high.1) / (high.0 - low.0).max(1e-6);
+            // half-way between how the surfaces below and above face: out and up
+            let faces = |a: (f32, f32), b: (f32, f32)| {
+                let (rise, narrowing) = (b.0 - a.0, a.1 - b.1);
+                let long = (rise * rise + narrowing * narrowing).sqrt().max(1e-9);
+                [rise / long, narrowing / long]
+            };
+            let (below, above) =
+                (faces(low, (height_m, radius_m)), faces((height_m, radius_m), high));
+            let [outward, upward] = [0, 1].map(|k| below[k] + above[k]);
             let ring: Vec<u32> = (0..sides)
                 .map(|side| {
-                    let out = level(TAU * (side as f32 + 0.5 * (i % 2) as f32) / sides as f32);
+                    // each ring turned back by half a corner, as bands cut their squares
+                    let out = level(TAU * (side as f32 - 0.5 * i as f32) / sides as f32);
                     let reach = radius_m * (1.0 + unevenness * dice.between(-1.0, 1.0));
                     let place = [axis[0] + reach * out[0], axis[1] + reach * out[1], height_m];
-                    self.vertex(material, place, along(out, facing, [0.0, 0.0, 1.0]))
+                    self.vertex(material, place, [outward * out[0], outward * out[1], upward])
                 })
                 .collect();
             self.band(material, &before, &ring);
@@ -345,43 +354,14 @@ impl Sculptor {
         }
     }
 
-    /// Moves everything beyond a distance from the axis in to it, and what reaches farthest out to it, in proportion.
-    pub fn fit_reach(&mut self, radius_m: f32) {
-        let away = |[x, y, _]: &Vector| (x * x + y * y).sqrt();
-        let places = self.surfaces.iter().flat_map(|s| &s.positions);
-        let wide = places.map(away).fold(0.0, f32::max);
-        if wide <= 0.0 {
-            return;
-        }
-        for surface in &mut self.surfaces {
-            for place in &mut surface.positions {
-                let share = away(place) / wide;
-                // the stem near the axis stays as it is
-                let factor =
-                    math::lerp(1.0, radius_m / wide, math::smoothstep((share - 0.2) / 0.6));
-                place[0] *= factor;
-                place[1] *= factor;
-            }
-        }
-    }
-
     /// Stretches leaves, so that their greatest distance from the axis and their top are as given.
     pub fn fit_foliage(&mut self, radius_m: f32, height_m: f32) {
-        self.fit(&[Material::Foliage], radius_m, height_m);
-    }
-
-    /// Stretches some materials, so that their greatest distance from the axis and their top are as given.
-    pub fn fit(&mut self, materials: &[Material], radius_m: f32, height_m: f32) {
-        let places =
-            || materials.iter().flat_map(|m| self.surfaces[*m as usize].positions.iter().copied());
+        let surface = self.surface(Material::Foliage);
+        let places = || surface.positions.iter();
         let wide = places().map(|[x, y, _]| (x * x + y * y).sqrt()).fold(0.0, f32::max);
         let high = places().map(|p| p[2]).fold(0.0, f32::max);
-        if wide <= 0.0 || high <= 0.0 {
-            return;
-        }
-        let factors = [radius_m / wide, radius_m / wide, height_m / high];
-        for material in materials {
-            self.surface(*material).stretch(factors);
+        if wide > 0.0 && high > 0.0 {
+            surface.stretch([radius_m / wide, radius_m / wide, height_m / high]);
         }
     }
 
