@@ -462,3 +462,56 @@ fn write_plots(page: &mut String, scene: &SceneContent) {
     }
     page.push_str("</div>");
 }
+
+#[cfg(test)]
+mod tests {
+    use super::stand::tests::lattice;
+    use super::*;
+
+    fn input(scene: &SceneContent) -> ReportInput<'_> {
+        ReportInput { scene, fit: None, facts: Vec::new(), pictures: Vec::new() }
+    }
+
+    fn found(scene: &SceneContent, name: &str) -> Figure {
+        figures(&input(scene)).into_iter().find(|figure| figure.name == name).unwrap()
+    }
+
+    #[test]
+    fn faults_are_counted() {
+        let mut scene = lattice(10, 25.0, 0.3);
+        let names = [
+            "plants outside the terrain",
+            "plants too tall for their species",
+            "plants off the ground",
+        ];
+        for name in names {
+            assert_eq!(found(&scene, name).is_expected(), Some(true), "{name}");
+        }
+        scene.plants.east_m[0] = -1.0;
+        scene.plants.height_m[1] = 200.0;
+        scene.plants.z_m[2] = 60.0;
+        for name in names {
+            assert_eq!(found(&scene, name).value, 1.0, "{name}");
+            assert_eq!(found(&scene, name).is_expected(), Some(false), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_page_needs_nothing_beside_it_and_says_what_is_off() {
+        let mut scene = lattice(10, 25.0, 0.3);
+        scene.name = "a <b> & c".to_owned();
+        let png = vec![1, 2, 3];
+        let input = ReportInput { pictures: vec![("Map".to_owned(), png)], ..input(&scene) };
+        let mut figures = figures(&input);
+        let page = html(&input, &figures);
+        assert!(
+            page.contains("a &lt;b&gt; &amp; c") && page.contains("data:image/png;base64,AQID")
+        );
+        assert!(
+            !page.contains("src='http") && !page.contains("<script") && !page.contains("<link")
+        );
+        assert!(page.contains("class='ok'") && page.matches("<svg").count() == 3);
+        figures[1].value = 1e9;
+        assert!(html(&input, &figures).contains("outside"));
+    }
+}

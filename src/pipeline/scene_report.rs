@@ -7,7 +7,7 @@ use super::export_output::write_error;
 use super::{Error, export};
 use crate::export::report::{self, CanopyFit, Figure, ReportInput};
 use crate::progress::Reporter;
-use crate::scene::{Manifest, StageEntry};
+use crate::scene::{self, Manifest, StageEntry};
 
 /// File in the scene folder that a report is written to.
 pub const REPORT_FILE: &str = "report.html";
@@ -51,15 +51,14 @@ pub fn run(
 }
 
 fn write_beside(path: &Path, page: &[u8]) -> Result<(), Error> {
-    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
-    let staged = tempfile::Builder::new()
-        .prefix(".wildwood-partial-")
-        .tempfile_in(parent.unwrap_or(Path::new(".")))
-        .map_err(|source| write_error(path, source))?;
-    fs::write(staged.path(), page).map_err(|source| write_error(path, source))?;
-    let failed = |e: tempfile::PersistError| write_error(path, e.error);
-    staged.persist(path).map_err(failed)?;
-    Ok(())
+    let write = || {
+        let path = std::path::absolute(path)?;
+        let staging = scene::staging(path.parent().unwrap_or(&path))?;
+        let staged = staging.path().join(REPORT_FILE);
+        fs::write(&staged, page)?;
+        fs::rename(&staged, &path)
+    };
+    write().map_err(|source| write_error(path, source))
 }
 
 /// How well trees fit the canopy, as the stage recorded it.

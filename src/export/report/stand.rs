@@ -157,3 +157,59 @@ fn clark_evans(scene: &SceneContent, canopy: &[usize], hectares: f64) -> f64 {
     let sum: f64 = canopy.iter().map(|i| nearest_m(*i)).filter(|m| m.is_finite()).sum();
     sum / canopy.len() as f64 / (0.5 * mean_m)
 }
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+    use crate::plants::Plants;
+    use crate::raster::Grid;
+    use crate::species::Biome;
+
+    /// A hectare of level ground with firs on a lattice, `side` × `side`, of these measures.
+    pub fn lattice(side: usize, height_m: f32, dbh_m: f32) -> SceneContent {
+        let biome = Biome::builtin("pyrenees").unwrap();
+        let fir = biome.species_index("silver-fir").unwrap() as u16;
+        let mut plants = Plants::default();
+        for i in 0..side * side {
+            let step_m = 100.0 / side as f32;
+            plants.id.push(i as u64);
+            plants.species.push(fir);
+            plants.layer.push(Layer::Canopy);
+            plants.east_m.push(((i % side) as f32 + 0.5) * step_m);
+            plants.north_m.push(((i / side) as f32 + 0.5) * step_m);
+            plants.z_m.push(50.0);
+            plants.height_m.push(height_m);
+            plants.crown_radius_m.push(2.0);
+            plants.dbh_m.push(dbh_m);
+            plants.age_years.push(80.0);
+            plants.vigor.push(1.0);
+        }
+        SceneContent {
+            name: "lattice".to_owned(),
+            biome,
+            elevation_m: Grid::from_fn(50, 50, 2.0, |_| 50.0),
+            plants,
+            deadwood: None,
+            years: 0,
+        }
+    }
+
+    #[test]
+    fn a_lattice_of_equal_trees_has_the_figures_of_one() {
+        let stand = Stand::of(&lattice(20, 25.0, 0.3));
+        let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-5, "{a} for {b}");
+        near(stand.hectares, 1.0);
+        near(stand.stems_per_ha, 400.0);
+        near(stand.basal_area_m2_ha, 400.0 * std::f64::consts::FRAC_PI_4 * 0.09);
+        near(stand.quadratic_mean_dbh_m, 0.3);
+        near(stand.dominant_height_m, 25.0);
+        near(stand.lorey_height_m, 25.0);
+        near(stand.slenderness, 25.0 / 0.3);
+        near(stand.crown_to_height, 4.0 / 25.0);
+        // a square lattice is twice as even as chance
+        near(stand.clark_evans, 2.0);
+        // 25.4 cm count as one each
+        let stand = Stand::of(&lattice(20, 25.0, 0.254));
+        assert!((stand.stand_density_index - 400.0).abs() < 0.1);
+    }
+}
