@@ -296,7 +296,7 @@ fn write_table(page: &mut String, figures: &[Figure]) {
             section = figure.section;
             let _ = write!(
                 page,
-                "<h2>{section}</h2><table><tr><th>figure<th class='n'>found<th>unit<th class='n'>expected<th><th>source, or what it says</tr>"
+                "<h2>{section}</h2><table><tr><th style='width:22%'>figure<th class='n' style='width:7%'>found<th style='width:9%'>unit<th class='n' style='width:11%'>expected<th style='width:6%'><th>source, or what it says</tr>"
             );
         }
         let expected = figure.expected.map_or(String::new(), range_text);
