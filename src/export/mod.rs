@@ -3,7 +3,7 @@
 //! Reading order: [`preview`] (a map sheet as PNG), its parts [`layout`], [`relief`], [`ramp`], [`rivers`], [`scale`],
 //! [`fit`]; of forests [`crown_layer`], [`deadwood_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
 //! from the side); [`timeline`] (its years) with [`chart`]; what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`]. Of 3D formats:
-//! [`instances`]. Of tables: [`selection`] (what of a scene is exported).
+//! [`instances`]. [`render`]: pictures in sun and shade. Of tables: [`selection`] (what of a scene is exported).
 
 pub mod canvas;
 pub mod chart;
@@ -18,6 +18,7 @@ pub mod lettering;
 pub mod preview;
 pub mod ramp;
 pub mod relief;
+pub mod render;
 pub mod rivers;
 pub mod scale;
 pub mod selection;
