@@ -18,7 +18,7 @@ use crate::export::preview;
 use crate::export::render::camera::{Camera, Projection, direction_angles};
 use crate::export::render::figures::{self, Colour};
 use crate::export::render::ground::{Field, Ground};
-use crate::export::render::lighting::{Lighting, is_far};
+use crate::export::render::lighting::{Lighting, clear_m, is_far};
 use crate::export::render::picture::{self, PictureOptions};
 use crate::export::render::shading::Lights;
 use crate::export::render::sky::Sky;
@@ -166,7 +166,7 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
     let turn = request.turntable.is_some();
     for (number, file) in frames.iter().enumerate() {
         let turned = std::f32::consts::TAU * number as f32 / frames.len() as f32;
-        let wanted = camera(request, &world, origin, if turn { turned } else { 0.0 });
+        let wanted = camera(request, &world, sun, origin, if turn { turned } else { 0.0 });
         let (camera, was_lifted) = view::over_ground(wanted, &world.ground);
         if was_lifted && number == 0 {
             let text = "the camera lies under the ground; lifted to half a metre above it";
@@ -360,7 +360,13 @@ fn sun(request: &RenderRequest, manifest: &Manifest) -> Vec3 {
 }
 
 /// The camera of a view.
-fn camera(request: &RenderRequest, world: &World<'_>, origin: [f64; 3], turned_rad: f32) -> Camera {
+fn camera(
+    request: &RenderRequest,
+    world: &World<'_>,
+    sun: Vec3,
+    origin: [f64; 3],
+    turned_rad: f32,
+) -> Camera {
     let size_px = request.size_px.map(|px| px as f32); // below 2²⁴
     let ground = &world.ground;
     let tallest_m = world.tallest_m;
@@ -372,7 +378,7 @@ fn camera(request: &RenderRequest, world: &World<'_>, origin: [f64; 3], turned_r
         ViewRequest::Overview => {
             view::overview(ground, tallest_m, view::AERIAL_AZIMUTH_RAD + turned_rad, size_px)
         }
-        ViewRequest::ForestFloor => view::forest_floor(ground, world.instances, size_px),
+        ViewRequest::ForestFloor => view::forest_floor(ground, world.instances, sun, size_px),
         ViewRequest::Profile => view::profile(ground, tallest_m, size_px),
         ViewRequest::Map => view::map(ground, tallest_m, size_px),
         ViewRequest::Placed { eye, aim, fov_rad } => {
@@ -389,13 +395,19 @@ fn camera(request: &RenderRequest, world: &World<'_>, origin: [f64; 3], turned_r
 /// One picture.
 fn take(request: &RenderRequest, world: &World<'_>, light: &Lighting, camera: &Camera) -> RgbImage {
     let has_air = camera.is_perspective();
-    let lights =
-        Lights { sky: &light.sky, shadows: &light.shadows, sky_light: &light.sky_light, has_air };
+    let lights = Lights {
+        sky: &light.sky,
+        shadows: &light.shadows,
+        sky_light: &light.sky_light,
+        has_air,
+        clear_m: clear_m(world, camera),
+    };
     let options = PictureOptions {
         size_px: request.size_px,
         finer: request.finer,
         has_walls: request.view != ViewRequest::Map,
         is_strewn: !is_far(world, camera) || request.view == ViewRequest::Profile,
+        has_fixed_sky: is_far(world, camera),
         exposure: None,
     };
     let picture = picture::take(world, &lights, camera, &options);

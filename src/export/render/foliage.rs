@@ -19,8 +19,20 @@ const COVER: f32 = 1.5;
 const MOST_LEAVES: f32 = 6000.0;
 /// Width of boughs in crown radii.
 const LUMP: f32 = 0.34;
+/// How much the slope of boughs tilts leaves. chosen: boughs look round.
+const LUMP_TILT: f32 = 2.1;
 /// Light that comes through to the inside of a clump, 0–255. chosen: dark, not black.
 const INSIDE_OPENNESS: f32 = 110.0;
+
+/// From this length on leaves have a rounded outline instead of a kite's.
+const ROUND_LEAF_PX: f32 = 9.0;
+/// A leaf's outline along its axis and across, from its stalk: halves of its length and width.
+const OUTLINE: [[f32; 2]; 6] =
+    [[-1.0, 0.0], [-0.35, 1.0], [0.35, 0.72], [1.0, 0.0], [0.35, -0.72], [-0.35, -1.0]];
+/// From this crown radius on leaves stand alone: seen so near, a closed inside looks cut from paper.
+const OPEN_CROWN_PX: f32 = 110.0;
+/// How often leaves then cover the surface they are strewn about.
+const OPEN_COVER: f32 = 2.3;
 
 /// How leaves of a species look.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +54,7 @@ impl LeafLook {
     pub fn of(species: &Species) -> Self {
         match (species.leaf, species.form) {
             (Leaf::Needle, Form::Tree) => {
-                Self { length_m: 0.17, width: 0.26, fringe: 0.045, droop: 0.35, lumpiness: 0.16 }
+                Self { length_m: 0.17, width: 0.26, fringe: 0.045, droop: 0.35, lumpiness: 0.20 }
             }
             (Leaf::Needle, _) => {
                 Self { length_m: 0.07, width: 0.3, fringe: 0.06, droop: 0.1, lumpiness: 0.2 }
@@ -54,7 +66,7 @@ impl LeafLook {
                 Self { length_m: 0.04, width: 0.7, fringe: 0.08, droop: 0.0, lumpiness: 0.1 }
             }
             (Leaf::Broad, Form::Tree) => {
-                Self { length_m: 0.11, width: 0.62, fringe: 0.05, droop: 0.1, lumpiness: 0.42 }
+                Self { length_m: 0.11, width: 0.62, fringe: 0.05, droop: 0.1, lumpiness: 0.50 }
             }
             (Leaf::Broad, _) => {
                 Self { length_m: 0.075, width: 0.6, fringe: 0.07, droop: 0.1, lumpiness: 0.34 }
@@ -92,10 +104,14 @@ pub fn draw(
     let lump_reach_m = look.lumpiness * crown_radius_m;
     let lump_offset = vec3(f32::from(seed as u8), f32::from((seed >> 8) as u8), 0.0); // low bytes
 
+    let is_open = is_leafy && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
+    let cover = if is_open { OPEN_COVER } else { COVER };
+    let leaf_px = leaf_m * px_per_m;
+    let inset_m = if is_leafy { 0.6 * fringe_m + 0.45 * lump_reach_m } else { 0.0 };
     corners.clear();
     corners.extend(part.positions.iter().zip(&part.normals).map(|(position, normal)| {
         let normal = item.normal(*normal);
-        let place = item.place(*position) - normal * (0.6 * fringe_m);
+        let place = item.place(*position) - normal * inset_m;
         Corner { view: camera.view(place), normal }
     }));
     let window = buffer.window;
@@ -130,13 +146,15 @@ pub fn draw(
         let openness = if is_leafy { INSIDE_OPENNESS } else { 255.0 } as u8; // whole numbers
         let surface = Surface::Part(Material::Foliage);
         let ink = Ink { item: item_place, surface, variation: (word >> 24) as u8, openness };
-        buffer.flat(projected, [a.normal, b.normal, c.normal], ink, |_, _, _| true);
+        if !is_open {
+            buffer.flat(projected, [a.normal, b.normal, c.normal], ink, |_, _, _| true);
+        }
         if !is_leafy {
             continue;
         }
         let across = (b.view - a.view).cross(c.view - a.view);
         let area_m2 = 0.5 * across.length();
-        let expected = COVER * area_m2 / (0.5 * leaf_m * leaf_m * look.width.max(0.34));
+        let expected = cover * area_m2 / (0.5 * leaf_m * leaf_m * look.width.max(0.34));
         let count = (expected.min(MOST_LEAVES) + noise::unit(word)) as u32; // small, and not negative
         for k in 0..count {
             let [r, s, t, u] = noise::four(noise::hash2(word, k));
@@ -152,39 +170,42 @@ pub fn draw(
             // crowns are lumpy: boughs reach out, and dark is between them
             let world_base =
                 camera.eye + camera.right * base.x + camera.up * base.y + camera.forward * base.z;
-            let lump = noise::smooth((world_base - item.position) / lump_m + lump_offset);
-            let lift_m =
-                fringe_m * (0.6 + 1.6 * t - 0.6 * (1.0 - u) * t) + lump_reach_m * (lump - 0.55);
+            let lump_at = (world_base - item.position) / lump_m + lump_offset;
+            let (lump, slope) = noise::smooth_with_slope(lump_at);
+            let tilted = (normal - slope * (look.lumpiness * LUMP_TILT)).unit();
+            let lift_m = fringe_m * (0.6 + 1.6 * t - 0.6 * (1.0 - u) * t)
+                + lump_reach_m * (1.4 * lump - 0.35);
             let middle = base + outward * lift_m;
             if is_near && middle.z < 0.3 {
-                continue;
-            }
-            let at = camera.project_view(middle);
-            let reach_px = leaf_m * px_per_m * 1.5 + 1.0;
-            if !window.touches([at.x - reach_px, at.y - reach_px, at.x + reach_px, at.y + reach_px])
-            {
                 continue;
             }
             let axis = (outward * 0.7 + random + gravity * look.droop).unit() * (0.5 * leaf_m);
             let side = axis.cross(outward * 0.4 + noise::direction(noise_word ^ 0x9e37)).unit()
                 * (0.5 * leaf_m * look.width);
-            let points = [middle - axis, middle + side, middle + axis, middle - side]
-                .map(|view| camera.project_view(view));
             let leaf_normal = side.cross(axis).unit();
             let leaf_world = camera.right * leaf_normal.x
                 + camera.up * leaf_normal.y
                 + camera.forward * leaf_normal.z;
             let facing = if leaf_world.dot(normal) < 0.0 { -leaf_world } else { leaf_world };
-            let shading = (normal * 0.62 + facing * 0.38).unit();
-            let depth_share = (0.35 * t + 1.5 * (lump - 0.25)).clamp(0.0, 1.0);
+            let shading = (tilted * 0.66 + facing * 0.34).unit();
+            let depth_share = (0.30 * t + 1.7 * (lump - 0.22)).clamp(0.0, 1.0);
             let ink = Ink {
                 variation: (noise_word >> 16) as u8,
-                openness: (95.0 + 160.0 * depth_share) as u8, // within 95..=255
+                openness: (70.0 + 185.0 * depth_share) as u8, // within 70..=255
                 ..ink
             };
             let normals = [shading; 3];
-            buffer.flat([points[0], points[1], points[2]], normals, ink, |_, _, _| true);
-            buffer.flat([points[0], points[2], points[3]], normals, ink, |_, _, _| true);
+            let points = OUTLINE
+                .map(|[along, across]| camera.project_view(middle + axis * along + side * across));
+            if leaf_px < ROUND_LEAF_PX {
+                for [p, q, r] in [[0, 1, 3], [0, 3, 5]] {
+                    buffer.flat([points[p], points[q], points[r]], normals, ink, |_, _, _| true);
+                }
+            } else {
+                for [p, q, r] in [[0, 1, 5], [1, 2, 5], [2, 4, 5], [2, 3, 4]] {
+                    buffer.flat([points[p], points[q], points[r]], normals, ink, |_, _, _| true);
+                }
+            }
         }
     }
 }

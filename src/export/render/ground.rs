@@ -133,6 +133,13 @@ impl Ground {
         (self.rows - 1) as f32 * self.cell_m
     }
 
+    /// Whether a place lies over or under the terrain, not beside it.
+    #[inline]
+    pub fn covers(&self, place: Vec3) -> bool {
+        let [east, south] = self.far_edges_m();
+        place.x >= self.west_m && place.x <= east && place.y >= south && place.y <= self.north_m
+    }
+
     /// The place of a corner; its height is NaN where there is no ground.
     #[inline]
     pub fn corner(&self, row: usize, col: usize) -> Vec3 {

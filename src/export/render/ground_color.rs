@@ -76,8 +76,8 @@ pub fn ground(world: &World<'_>, place: Vec3, normal: Vec3, px_m: f32, open_sky:
 pub fn wall(place: Vec3, depth_m: f32) -> Vec3 {
     let wave = smooth_level((place.x + place.y) / 31.0, place.z / 7.0, 9);
     let layer = smooth_level(0.3 * wave, place.z / 2.2, 10);
-    let soil = vec3(0.085, 0.058, 0.038);
-    let stone = vec3(0.165, 0.150, 0.130);
+    let soil = vec3(0.050, 0.034, 0.022);
+    let stone = vec3(0.088, 0.078, 0.066);
     let share = smoothstep((depth_m - 0.8) / 3.0);
     soil.mix(stone, share) * (0.72 + 0.35 * layer + 0.2 * wave)
 }

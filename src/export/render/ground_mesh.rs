@@ -11,7 +11,7 @@ const PATCH_CELLS: usize = 32;
 /// Pixels that a triangle's side is at least wide, where cells are finer. chosen: no facet shows.
 const LEAST_SIDE_PX: f32 = 2.5;
 /// How far walls reach below the lowest ground, in widths of the terrain. chosen: a slab, not a pillar.
-const WALL_DEPTH: f32 = 0.035;
+const WALL_DEPTH: f32 = 0.022;
 
 /// A square of terrain.
 #[derive(Clone, Copy, Debug)]

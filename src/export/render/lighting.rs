@@ -43,6 +43,12 @@ pub fn is_far(world: &World<'_>, camera: &Camera) -> bool {
     !camera.is_perspective() || (camera.eye - middle).length() > FAR_RADII * radius_m
 }
 
+/// From which distance on a view shows haze: that of the nearest part of a scene seen from afar.
+pub fn clear_m(world: &World<'_>, camera: &Camera) -> f32 {
+    let (middle, radius_m) = whole(world);
+    if is_far(world, camera) { ((camera.eye - middle).length() - radius_m).max(0.0) } else { 0.0 }
+}
+
 impl Lighting {
     /// The light of a sky on a world, as a view needs it; far views of one world share theirs.
     pub fn new(world: &World<'_>, sky: Sky, camera: &Camera) -> Self {

@@ -67,6 +67,30 @@ pub fn smooth(p: Vec3) -> f32 {
     lerp(lerp(edge(0, 0), edge(1, 0), ty), lerp(edge(0, 1), edge(1, 1), ty), tz)
 }
 
+/// Smooth noise as of [`smooth`], and how it rises along each axis.
+#[inline]
+pub fn smooth_with_slope(p: Vec3) -> (f32, Vec3) {
+    let (x, y, z) = (floor(p.x), floor(p.y), floor(p.z));
+    let (tx, ty, tz) = (p.x - x as f32, p.y - y as f32, p.z - z as f32);
+    let ease = |t: f32| t * t * (3.0 - 2.0 * t);
+    let rate = |t: f32| 6.0 * t * (1.0 - t);
+    let (ex, ey, ez) = (ease(tx), ease(ty), ease(tz));
+    let (x1, y1, z1) = (x.wrapping_add(1), y.wrapping_add(1), z.wrapping_add(1));
+    let [a, b] = [lattice(x, y, z), lattice(x1, y, z)];
+    let [c, d] = [lattice(x, y1, z), lattice(x1, y1, z)];
+    let [e, f] = [lattice(x, y, z1), lattice(x1, y, z1)];
+    let [g, h] = [lattice(x, y1, z1), lattice(x1, y1, z1)];
+    let lerp = |a: f32, b: f32, t: f32| a + (b - a) * t;
+    let [ab, cd, ef, gh] = [lerp(a, b, ex), lerp(c, d, ex), lerp(e, f, ex), lerp(g, h, ex)];
+    let [low, high] = [lerp(ab, cd, ey), lerp(ef, gh, ey)];
+    let slope = vec3(
+        lerp(lerp(b - a, d - c, ey), lerp(f - e, h - g, ey), ez) * rate(tx),
+        lerp(cd - ab, gh - ef, ez) * rate(ty),
+        (high - low) * rate(tz),
+    );
+    (lerp(low, high, ez), slope)
+}
+
 /// Smooth noise over the plane in 0..1 with features one unit large.
 #[inline]
 pub fn smooth_level(x: f32, y: f32, layer: i32) -> f32 {
@@ -95,6 +119,13 @@ mod tests {
             let now = smooth(vec3(-3.0 + i as f32 * 0.002, 0.3, 0.7));
             assert!((now - before).abs() < 0.01 && (0.0..=1.0).contains(&now));
             before = now;
+        }
+        let at = vec3(3.3, -1.7, 12.6);
+        let (value, slope) = smooth_with_slope(at);
+        assert!((value - smooth(at)).abs() < 1e-6);
+        for (axis, rise) in [(vec3(1e-2, 0.0, 0.0), slope.x), (vec3(0.0, 0.0, 1e-2), slope.z)] {
+            let found = (smooth(at + axis) - smooth(at - axis)) / 2e-2;
+            assert!((found - rise).abs() < 1e-2, "{found} {rise}");
         }
         assert!((direction(77).length() - 1.0).abs() < 1e-5);
     }

@@ -20,7 +20,7 @@ const LEAF_WRAP: f32 = 0.25;
 /// reflect, and more of the yellow.
 const LEAF_PASSES: Vec3 = vec3(0.95, 0.90, 0.35);
 /// Least share of the sky that is left anywhere. chosen: light that bounces among crowns, which the lattice leaves out.
-const LEAST_SKY: f32 = 0.11;
+const LEAST_SKY: f32 = 0.16;
 
 /// What lights a picture.
 pub struct Lights<'a> {
@@ -32,6 +32,8 @@ pub struct Lights<'a> {
     pub sky_light: &'a SkyLight,
     /// Whether air and sky are drawn; maps and sections lie on white paper.
     pub has_air: bool,
+    /// So far from the eye haze begins: what lies between a bird and a tile is no part of the picture, m.
+    pub clear_m: f32,
 }
 
 /// Light from a sample at column `x` and row `y`, linear.
@@ -51,7 +53,11 @@ pub fn shade(
     let place = camera.place(px, py, sample.nearness);
     let word = noise::hash2(x as u32, y as u32); // bits, not sizes
     let light = surface_light(world, lights, camera, items, sample, place, ray, word);
-    if lights.has_air { lights.sky.hazed(light, ray, (place - camera.eye).length()) } else { light }
+    if lights.has_air {
+        lights.sky.hazed(light, ray, (place - camera.eye).length() - lights.clear_m)
+    } else {
+        light
+    }
 }
 
 /// Light of white paper. chosen: comes out as 255 after exposure.
@@ -80,13 +86,9 @@ fn surface_light(
             let albedo = ground_color::wall(place, top_m - place.z);
             let base_m = ground_mesh::base_m(&world.ground);
             let sun = sky.sun_light * normal.dot(sky.sun).max(0.0);
-            let light = albedo.times(sun + sky.ambient(normal, 0.75));
-            if !lights.has_air {
-                return light;
-            }
-            // the block's foot stands in mist
-            let up = smoothstep((place.z - base_m) / (top_m - base_m).max(1.0) * 1.7);
-            sky.radiance(vec3(ray.x, ray.y, ray.z)).mix(light, up)
+            // darker towards the foot, as if it stood on something
+            let up = ((place.z - base_m) / (top_m - base_m).max(1.0)).clamp(0.0, 1.0);
+            albedo.times(sun + sky.ambient(normal, 0.75)) * (0.55 + 0.45 * up)
         }
         Surface::Ground => {
             normal = world.ground.normal(place.x, place.y);
@@ -124,7 +126,7 @@ fn surface_light(
             match material {
                 Material::Foliage => {
                     let [a, b, _, _] = noise::four(noise::hash2(u32::from(sample.variation), 77));
-                    let fresh = vec3(1.18, 1.10, 0.72);
+                    let fresh = vec3(1.10, 1.05, 0.84);
                     let hue = vec3(1.0, 1.0, 1.0).mix(fresh, (a - 0.35).max(0.0));
                     let albedo = albedo.times(hue) * (0.78 + 0.44 * b);
                     let reach_m = 0.10 * radius_m + 0.1;
@@ -187,7 +189,7 @@ fn leaf(
     let front = ((cosine + LEAF_WRAP) / (1.0 + LEAF_WRAP)).max(0.0);
     let back = (0.35 - 0.65 * cosine).max(0.0);
     let toward = ray.dot(sky.sun).max(0.0);
-    let glow = back * (0.30 + 1.2 * toward * toward * toward);
+    let glow = back * (0.22 + 1.1 * toward * toward * toward);
     let sun = sky.sun_light * reached;
     let share = (LEAST_SKY + (1.0 - LEAST_SKY) * open_sky) * (0.25 + 0.75 * openness * openness);
     let bounce = vec3(0.16, 0.22, 0.07) * ((0.4 * deep_sun + 0.12 * open_sky) * openness);
@@ -197,7 +199,7 @@ fn leaf(
     let half = (sky.sun - ray).unit();
     let mirror = half.dot(normal).max(0.0);
     let mirror = mirror * mirror * mirror * mirror;
-    let gloss = sun * (0.012 * mirror * mirror) + sky.sky_light * (0.010 * share);
+    let gloss = sun * (0.006 * mirror * mirror) + sky.sky_light * (0.004 * share);
     reflected + passed + gloss
 }
 
@@ -213,16 +215,16 @@ fn bark(albedo: Vec3, place: Vec3, item: &Item, material: Material, px_m: f32) -
     let local = place - item.position;
     let along = local.dot(axis);
     let across = local - axis * along;
-    let stretch = if material == Material::Bark { 0.16 } else { 0.08 };
-    let wander = noise::smooth(local / 0.4) * 0.10;
+    let stretch = if material == Material::Bark { 0.11 } else { 0.05 };
+    let wander = noise::smooth(local / 0.22) * 0.075 + noise::smooth(local / 0.03) * 0.012;
     let across = across + axis.cross(vec3(0.3, 0.5, 0.8)) * wander;
-    let furrow = noise::smooth(across / 0.055 + axis * (along * stretch / 0.055));
+    let furrow = noise::smooth(across / 0.042 + axis * (along * stretch / 0.042));
     // ridges between dark furrows
     let ridge = 1.0 - (2.0 * furrow - 1.0).abs();
     let plate = noise::smooth(across / 0.16 + axis * (along * 0.35 / 0.16));
     let grain = noise::smooth(local / 0.018);
-    let dark = (1.0 - ridge * ridge * ridge * 0.95).max(0.0);
-    albedo * (0.30 + 0.62 * dark + 0.35 * plate + 0.28 * (grain - 0.5))
+    let dark = (1.0 - ridge * ridge * ridge * 0.80).max(0.0);
+    albedo * (0.28 + 0.64 * dark + 0.36 * plate + 0.55 * (grain - 0.5))
 }
 
 /// Moss on wood that lies or stands damp, on what faces up.
@@ -246,5 +248,6 @@ fn moss(
     let age = 0.25 * (f32::from(decay_class) - 2.0).max(0.0);
     let share =
         smoothstep((reach * up + 0.7 * patch + if is_lying { age } else { 0.0 }) * 1.6) * soft;
-    albedo.mix(vec3(0.070, 0.105, 0.022), share.clamp(0.0, 1.0) * 0.8)
+    let damp = if is_lying { albedo * 0.62 } else { albedo };
+    damp.mix(vec3(0.046, 0.070, 0.014), share.clamp(0.0, 1.0) * 0.94)
 }

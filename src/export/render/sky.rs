@@ -7,9 +7,9 @@ use crate::math;
 const ZENITH: Vec3 = vec3(0.165, 0.315, 0.640);
 const HORIZON: Vec3 = vec3(0.640, 0.745, 0.860);
 /// What lies under the horizon where no ground is known. chosen: mist over a valley in the shade.
-const MIST: Vec3 = vec3(0.270, 0.330, 0.390);
+const MIST: Vec3 = vec3(0.150, 0.190, 0.228);
 /// How much light each metre of air scatters, by red, green and blue; chosen: a clear morning after rain.
-const SCATTERING_PER_M: Vec3 = vec3(0.000_026, 0.000_036, 0.000_054);
+const SCATTERING_PER_M: Vec3 = vec3(0.000_045, 0.000_060, 0.000_086);
 
 /// The light of the hour.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,8 +33,8 @@ impl Sky {
         let day = math::smoothstep((sun.z + 0.1) / 0.35);
         Self {
             sun,
-            sun_light: through * (3.6 * math::smoothstep((sun.z + 0.02) / 0.06)),
-            sky_light: vec3(0.47, 0.53, 0.62) * (0.25 + 0.75 * day),
+            sun_light: through * (3.35 * math::smoothstep((sun.z + 0.02) / 0.06)),
+            sky_light: vec3(0.45, 0.49, 0.55) * (0.25 + 0.75 * day),
             haze,
         }
     }
@@ -50,7 +50,7 @@ impl Sky {
         let wide = toward * toward * toward * toward;
         let glow = self.sun_light * (0.045 * wide + 0.5 * math::powf(toward, 220.0));
         let light = base + glow * (1.0 - 0.5 * rise);
-        light.mix(MIST, math::smoothstep(-direction.z / 0.85))
+        light.mix(MIST, math::smoothstep(-direction.z / 0.62))
     }
 
     /// Light from the sky on a surface that sees `share` of it.

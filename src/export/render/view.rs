@@ -1,7 +1,8 @@
 //! Views: where one looks from so that a whole tile, a spot in the forest, a section or a map fills the picture.
 
-use super::camera::{Camera, NEAR_M, direction_angles};
+use super::camera::{Camera, NEAR_M, Projection, direction_angles};
 use super::ground::Ground;
+use super::ground_mesh;
 use super::vector::{UP, Vec3, vec3};
 use crate::export::instances::{FeatureTable, Instances};
 use crate::math;
@@ -17,7 +18,11 @@ const AERIAL_PITCH_RAD: f32 = -0.47;
 /// Where aerial pictures look to. chosen: a little east of north, so that the morning's sun comes from the right.
 pub const AERIAL_AZIMUTH_RAD: f32 = 0.34;
 /// Share of the picture that the tile spans. chosen: a narrow margin.
-const FILL: f32 = 0.97;
+const FILL: f32 = 0.955;
+/// Height of the tile's middle in the picture, from its top. chosen: a little more air above than below.
+const MIDDLE: f32 = 0.515;
+/// Steps of centring. chosen: perspective makes each err a little, and all together by less than a pixel.
+const CENTRINGS: usize = 4;
 /// Places tried for the view in the forest, each way.
 const SPOTS: usize = 28;
 /// Directions tried at each.
@@ -26,6 +31,7 @@ const HEADINGS: usize = 12;
 /// An aerial view of all that stands on the terrain, from an azimuth (of the direction one looks along).
 pub fn overview(ground: &Ground, tallest_m: f32, azimuth_rad: f32, size_px: [f32; 2]) -> Camera {
     let [east, south] = ground.far_edges_m();
+    let base_m = ground_mesh::base_m(ground);
     let mut corners = Vec::new();
     // the rim by its own heights: a box would leave room for peaks that are not there
     for k in 0..=8 {
@@ -35,7 +41,8 @@ pub fn overview(ground: &Ground, tallest_m: f32, azimuth_rad: f32, size_px: [f32
         for (x, y) in [(x, south), (x, ground.north_m), (ground.west_m, y), (east, y)] {
             let z = ground.height_m(x, y).unwrap_or(ground.range_m[0]);
             corners.push(vec3(x, y, z));
-            corners.push(vec3(x, y, z + tallest_m));
+            corners.push(vec3(x, y, z + 0.8 * tallest_m));
+            corners.push(vec3(x, y, base_m));
         }
     }
     let extent_m = ground.width_m().max(ground.depth_m());
@@ -61,20 +68,26 @@ pub fn overview(ground: &Ground, tallest_m: f32, azimuth_rad: f32, size_px: [f32
     for _ in 0..24 {
         let distance_m = 0.5 * (near + far);
         let mut camera = camera_at(distance_m, 0.0);
-        let fits = reach(&camera).is_some_and(|[left, top, right, bottom]| {
+        let mut seen = reach(&camera);
+        for _ in 0..CENTRINGS {
+            let (Some([left, top, right, bottom]), Projection::Perspective { focal_px }) =
+                (seen, camera.projection)
+            else {
+                break;
+            };
             // move what is seen to the middle, by the angle that it is off
-            if let super::camera::Projection::Perspective { focal_px } = camera.projection {
-                let off_x = 0.5 * (left + right) - 0.5 * size_px[0];
-                let off_y = 0.5 * (top + bottom) - 0.5 * size_px[1];
-                let scale = distance_m / focal_px;
-                camera.eye += camera.right * (off_x * scale) - camera.up * (off_y * scale);
-            }
-            reach(&camera).is_some_and(|[left, top, right, bottom]| {
-                left >= (1.0 - FILL) * 0.5 * size_px[0]
-                    && right <= (1.0 + FILL) * 0.5 * size_px[0]
-                    && top >= 0.06 * size_px[1]
-                    && bottom <= 0.985 * size_px[1]
-            })
+            let off_x = 0.5 * (left + right - size_px[0]);
+            let off_y = 0.5 * (top + bottom) - MIDDLE * size_px[1];
+            let scale = distance_m / focal_px;
+            camera.eye += camera.right * (off_x * scale) - camera.up * (off_y * scale);
+            seen = reach(&camera);
+        }
+        let fits = seen.is_some_and(|[left, top, right, bottom]| {
+            let margin = 0.5 * (1.0 - FILL);
+            left >= margin * size_px[0]
+                && right <= (1.0 - margin) * size_px[0]
+                && top >= margin * size_px[1]
+                && bottom <= (1.0 - margin) * size_px[1]
         });
         if fits {
             best = camera;
@@ -132,7 +145,13 @@ struct Neighbour {
 }
 
 /// A view in the forest from eye height: an open spot with tall trees and deadwood near, the best of many tried.
-pub fn forest_floor(ground: &Ground, instances: &Instances, size_px: [f32; 2]) -> Camera {
+/// The sun, in the direction `sun`, stands to the side rather than behind.
+pub fn forest_floor(
+    ground: &Ground,
+    instances: &Instances,
+    sun: Vec3,
+    size_px: [f32; 2],
+) -> Camera {
     const CELL_M: f32 = 8.0;
     let [east, south] = ground.far_edges_m();
     let (width_m, depth_m) = (ground.width_m(), ground.depth_m());
@@ -187,7 +206,10 @@ pub fn forest_floor(ground: &Ground, instances: &Instances, size_px: [f32; 2]) -
             .collect();
         for heading in 0..HEADINGS {
             let azimuth = heading as f32 * std::f32::consts::TAU / HEADINGS as f32;
-            let score = spot_score(here, azimuth, &near, ground);
+            let along = math::sin(azimuth) * sun.x + math::cos(azimuth) * sun.y;
+            // light from the side, or a little against it
+            let light = 1.2 - (along - 0.25).abs();
+            let score = spot_score(here, azimuth, &near, ground) + light;
             if score > best.0 {
                 best = (score, here, azimuth);
             }
@@ -253,7 +275,7 @@ fn spot_score(here: Vec3, azimuth_rad: f32, near: &[&Neighbour], ground: &Ground
             }
         }
     }
-    score += 3.0 * (1.0 - math::exp(-0.45 * trees)) + 4.0 * (1.0 - math::exp(-0.6 * dead));
+    score += 3.0 * (1.0 - math::exp(-0.45 * trees)) + 6.5 * (1.0 - math::exp(-0.5 * dead));
     let normal = ground.normal(here.x, here.y);
     // level ground, and none that rises before one's nose
     score - 4.0 * (1.0 - normal.z) * 4.0 + 1.5 * forward.dot(normal).min(0.3)
@@ -275,7 +297,7 @@ mod tests {
                 overview(&ground, 30.0, AERIAL_AZIMUTH_RAD, size),
                 map(&ground, 30.0, size),
                 profile(&ground, 30.0, size),
-                forest_floor(&ground, &forest, size),
+                forest_floor(&ground, &forest, vec3(0.6, 0.0, 0.8), size),
             ];
             for camera in cameras {
                 assert!(

@@ -79,6 +79,9 @@ pub fn linear_rgb([r, g, b]: [u8; 3]) -> Vec3 {
     vec3(linear(r), linear(g), linear(b))
 }
 
+/// Saturation of a crown over that of its leaves. chosen: beside aerial photographs.
+const CROWN_COLOURFULNESS: f32 = 0.87;
+
 const MATERIALS: [Material; 4] =
     [Material::Bark, Material::Foliage, Material::Wood, Material::Soil];
 
@@ -155,7 +158,13 @@ impl<'a> World<'a> {
         // a product of codes is near enough to one of light for tints around 255
         let [r, g, b] = group.tint_srgb[index].map(|byte| f32::from(byte) / 255.0);
         let tinted = base.times(vec3(r * r, g * g, b * b));
-        if material == Material::Foliage { self.in_season(tinted, species, item) } else { tinted }
+        if material == Material::Foliage {
+            let color = self.in_season(tinted, species, item);
+            // a crown's leaves face all ways and shade each other: less colourful than one leaf
+            Vec3::splat(color.luminance()).mix(color, CROWN_COLOURFULNESS)
+        } else {
+            tinted
+        }
     }
 
     /// Decay class of an instance, 0 of live plants.
