@@ -11,11 +11,12 @@ use serde_json::json;
 use super::export_format::{ExportFormat, OutputKind};
 use super::export_output::{NOTE, Output, write_error};
 use super::scene_files::{read_deadwood, read_plants};
-use super::{Error, close_up, import};
-use crate::export::WriteError;
+use super::{Error, age, close_up, import};
 use crate::export::instances::FeatureTable;
 use crate::export::selection::{self, ExportLayer, Filter, SceneContent, Selection};
+use crate::export::{WriteError, ecoviz, geojson, geopackage, iland, tables, tree_cloud};
 use crate::plants::Plants;
+use crate::plants::table::TableFormat;
 use crate::progress::Reporter;
 use crate::scene::Manifest;
 use crate::species::Biome;
@@ -71,6 +72,10 @@ pub struct Exported {
 /// If the folder holds no scene, nothing is selected, the format cannot hold it, or the output cannot be written.
 pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Error> {
     let format = format_of(request)?;
+    if request.options.has_crowns && format != ExportFormat::GeoPackage {
+        let what = format!("--crowns is for gpkg, and {} has no polygons", format.name());
+        return Err(Error::Usage { what });
+    }
     let manifest = Manifest::read(&request.folder)?.ok_or_else(|| {
         let folder = request.folder.display();
         Error::Usage { what: format!("{folder}: no scene there; name a folder from wildwood grow") }
@@ -89,8 +94,11 @@ pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Err
         );
         return Err(Error::Usage { what });
     }
+    if request.options.has_crowns && !selection.tables().contains(&FeatureTable::Plants) {
+        let what = "--crowns needs plants; add canopy or undergrowth to --layers".to_owned();
+        return Err(Error::Usage { what });
+    }
 
-    let stage = reporter.stage("export", selection.len() as u64);
     let staged = output.staged();
     write(format, &selection, &request.options, &staged, reporter).map_err(|e| match e {
         WriteError::Io(source) => write_error(&request.output, source),
@@ -106,7 +114,6 @@ pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Err
     }
     reporter.check_cancelled()?;
     let bytes = output.commit()?;
-    stage.advance(selection.len() as u64);
     let rows = selection.tables().into_iter().map(|table| (table, selection.rows(table)));
     Ok(Exported { format, rows: rows.collect(), bytes })
 }
@@ -114,24 +121,37 @@ pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Err
 /// Writes a selection to a path: a file that is not there yet, or an empty folder.
 fn write(
     format: ExportFormat,
-    _selection: &Selection,
-    _options: &ExportOptions,
-    _to: &Path,
-    _reporter: &Reporter,
+    selection: &Selection,
+    options: &ExportOptions,
+    to: &Path,
+    reporter: &Reporter,
 ) -> Result<(), WriteError> {
     match format {
-        ExportFormat::GeoPackage
-        | ExportFormat::Parquet
-        | ExportFormat::Csv
-        | ExportFormat::GeoJson
-        | ExportFormat::Las
-        | ExportFormat::ILand
-        | ExportFormat::EcoViz => Err(not_yet(format)),
+        ExportFormat::GeoPackage => geopackage::write(to, selection, options.has_crowns, reporter),
+        ExportFormat::Parquet => write_tables(selection, TableFormat::Parquet, to, reporter),
+        ExportFormat::Csv => write_tables(selection, TableFormat::Csv, to, reporter),
+        ExportFormat::GeoJson => geojson::write(to, selection, reporter),
+        ExportFormat::Las => tree_cloud::write(to, selection, reporter),
+        ExportFormat::ILand => iland::write(to, selection, reporter),
+        ExportFormat::EcoViz => ecoviz::write(to, selection, reporter),
         ExportFormat::Usd => Err(not_yet(format)),
         ExportFormat::Glb => Err(not_yet(format)),
         ExportFormat::Tiles3d => Err(not_yet(format)),
         ExportFormat::Mitsuba => Err(not_yet(format)),
         ExportFormat::Points => Err(not_yet(format)),
+    }
+}
+
+fn write_tables(
+    selection: &Selection,
+    format: TableFormat,
+    to: &Path,
+    reporter: &Reporter,
+) -> Result<(), WriteError> {
+    match selection.tables()[..] {
+        // a file was asked for, and it holds one table
+        [table] if !to.is_dir() => tables::write_file(to, selection, table, format),
+        _ => tables::write_folder(to, selection, format, reporter),
     }
 }
 
@@ -192,7 +212,10 @@ fn select(
     reporter.check_cancelled()?;
     stage.advance(1);
     let name = manifest.scene.name.clone();
-    let scene = SceneContent { name, biome, elevation_m, plants, deadwood };
+    let years = manifest.stages.get(age::STAGE).and_then(|stage| stage.figures.get("years"));
+    let years = years.and_then(toml::Value::as_integer).unwrap_or(0);
+    let years = u32::try_from(years).unwrap_or(0);
+    let scene = SceneContent { name, biome, elevation_m, plants, deadwood, years };
     let filter = holdable(&request.filter, format, &scene)?;
     Ok(Selection::new(scene, &filter)?)
 }
@@ -236,4 +259,90 @@ fn note(format: ExportFormat, selection: &Selection, options: &ExportOptions) ->
         },
     });
     format!("{note:#}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::demo;
+    use crate::terrain::generate::GenerateParams;
+
+    fn demo_scene(home: &Path) -> PathBuf {
+        let folder = home.join("forest");
+        let params = GenerateParams { rows: 64, cols: 64, ..GenerateParams::default() };
+        demo::run(folder.clone(), "sonoma", &params, &Reporter::silent()).unwrap();
+        folder
+    }
+
+    fn request(folder: &Path, output: PathBuf, format: Option<ExportFormat>) -> ExportRequest {
+        ExportRequest {
+            folder: folder.to_path_buf(),
+            output,
+            format,
+            filter: Filter::default(),
+            options: ExportOptions::default(),
+        }
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap();
+        let mut names: Vec<String> =
+            entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_scene_is_exported_and_an_export_replaced_but_nothing_else() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = demo_scene(home.path());
+        let before = names(&folder);
+        let silent = Reporter::silent();
+        let table = fs::read(folder.join("plants.parquet")).unwrap();
+
+        // tables: the same bytes as the scene's, again over themselves
+        let tables = home.path().join("tables");
+        for _ in 0..2 {
+            let request = request(&folder, tables.clone(), Some(ExportFormat::Parquet));
+            let exported = run(&request, &silent).unwrap();
+            assert!(exported.rows[0].1 > 0 && exported.bytes > table.len() as u64);
+        }
+        assert_eq!(fs::read(tables.join("plants.parquet")).unwrap(), table);
+        assert!(names(&tables).contains(&NOTE.to_owned()));
+
+        // files, by their endings
+        for name in ["a.gpkg", "a.las", "a.laz", "a.pdb"] {
+            for _ in 0..2 {
+                run(&request(&folder, home.path().join(name), None), &silent).unwrap();
+            }
+        }
+
+        // what is no export of the format stays
+        let told = |output: PathBuf, format| {
+            let error = run(&request(&folder, output, format), &silent).unwrap_err();
+            assert!(error.is_bad_input(), "{error}");
+            error.to_string()
+        };
+        let las = Some(ExportFormat::Las);
+        assert!(told(home.path().join("a.gpkg"), las).contains("is no las"));
+        assert!(told(tables.clone(), Some(ExportFormat::Csv)).contains("is no export to csv"));
+        assert!(told(tables.clone(), las).contains("is a folder"));
+        assert!(told(folder.clone(), Some(ExportFormat::Parquet)).contains("the scene itself"));
+        let own = folder.join("plants.parquet");
+        assert!(told(own, None).contains("the scene itself"));
+        assert!(told(home.path().join("no/a.gpkg"), None).contains("does not exist"));
+        assert!(told(home.path().join("a.xyz"), None).contains("give --to"));
+        let local = told(home.path().join("a.geojson"), None);
+        assert!(local.contains("local metres"), "{local}");
+        assert_eq!(names(&folder), before);
+        assert_eq!(names(home.path()), ["a.gpkg", "a.las", "a.laz", "a.pdb", "forest", "tables"]);
+    }
+
+    #[test]
+    fn a_folder_without_a_scene_is_refused() {
+        let home = tempfile::tempdir().unwrap();
+        let output = home.path().join("a.gpkg");
+        let error = run(&request(home.path(), output, None), &Reporter::silent()).unwrap_err();
+        assert!(error.is_bad_input() && error.to_string().contains("no scene"), "{error}");
+    }
 }
