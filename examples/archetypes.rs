@@ -66,10 +66,17 @@ fn main() -> Result<(), Box<dyn Error>> {
             let [sx, sy, sz] = fitting.scale;
             let lies = archetype.key.contains("downed");
             let wide_m = if lies { sx + sy } else { 2.1 * sx };
-            let high_m = if lies { 4.0 * sz } else { 1.05 * sz + 0.3 * sx };
+            // stumps are not blown up to the size of trees
+            let is_bare = archetype.key.contains(".bare.");
+            let high_m = match (lies, is_bare) {
+                (true, _) => 4.0 * sz,
+                (false, true) => (1.05 * sz).max(6.0 * sx),
+                (false, false) => 1.05 * sz + 0.3 * sx,
+            };
             let field = Field {
                 left: (column * field_px) as f32,
-                bottom: (row * field_px + field_px) as f32 - 0.06 * field_px as f32,
+                bottom: ((row + 1) * field_px) as f32
+                    - if lies { 0.4 } else { 0.06 } * field_px as f32,
                 px_per_m: 0.9 * field_px as f32 / wide_m.max(high_m),
                 middle_m: if lies { 0.5 * sx } else { 0.0 },
             };
@@ -125,9 +132,9 @@ fn fittings(atlas: &LowPolyAtlas<'_>, index: u16, species: &Species) -> Vec<Fitt
         atlas.downed_log(&DownedLogMeasures {
             species: index,
             kind,
-            length_m: 12.0 * diameter_base_m,
+            length_m: 7.0 * diameter_base_m,
             diameter_base_m,
-            diameter_tip_m: 0.5 * diameter_base_m,
+            diameter_tip_m: 0.7 * diameter_base_m,
             decay_class,
             variety: u32::from(decay_class),
         })
@@ -149,7 +156,8 @@ impl Sheet {
     ) {
         let (tilt_sin, tilt_cos) = (libm::sinf(VIEW_RAD), libm::cosf(VIEW_RAD));
         // turned a little, so that root plates and ends are seen
-        let turn = if archetype.key.contains("downed") { 0.5 } else { 0.3_f32 };
+        let lies = archetype.key.contains("downed");
+        let turn = if lies { 0.5 } else { 0.3_f32 };
         let (turn_sin, turn_cos) = (libm::sinf(turn), libm::cosf(turn));
         let turned = |p: [f32; 3]| {
             [turn_cos * p[0] - turn_sin * p[1], turn_sin * p[0] + turn_cos * p[1], p[2]]
@@ -162,6 +170,8 @@ impl Sheet {
                 .map(|p| {
                     let mut p: [f32; 3] = std::array::from_fn(|k| p[k] * scale[k]);
                     p[0] -= field.middle_m;
+                    // what is below the ground is not seen
+                    p[2] = if lies { p[2] } else { p[2].max(0.0) };
                     let [x, y, z] = turned(p);
                     let up = z * tilt_cos + y * tilt_sin;
                     [
