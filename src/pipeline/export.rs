@@ -196,8 +196,18 @@ fn select(
     format: ExportFormat,
     reporter: &Reporter,
 ) -> Result<Selection, Error> {
+    let scene = read_scene(&request.folder, manifest, reporter)?;
+    let filter = holdable(&request.filter, format, &scene)?;
+    Ok(Selection::new(scene, &filter)?)
+}
+
+/// Tables and terrain of a scene folder.
+pub(super) fn read_scene(
+    folder: &Path,
+    manifest: &Manifest,
+    reporter: &Reporter,
+) -> Result<SceneContent, Error> {
     let stage = reporter.stage("read scene", 2);
-    let folder = &request.folder;
     let biome = Biome::builtin(&manifest.scene.biome)?;
     let elevation_m = import::load_terrain(folder, manifest)?.elevation_m;
     reporter.check_cancelled()?;
@@ -215,9 +225,7 @@ fn select(
     let years = manifest.stages.get(age::STAGE).and_then(|stage| stage.figures.get("years"));
     let years = years.and_then(toml::Value::as_integer).unwrap_or(0);
     let years = u32::try_from(years).unwrap_or(0);
-    let scene = SceneContent { name, biome, elevation_m, plants, deadwood, years };
-    let filter = holdable(&request.filter, format, &scene)?;
-    Ok(Selection::new(scene, &filter)?)
+    Ok(SceneContent { name, biome, elevation_m, plants, deadwood, years })
 }
 
 /// The filter, with the layers that the format can hold where none are asked for.

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 
+use super::Error;
+use super::export::read_scene;
 use super::export_output::write_error;
-use super::scene_files::{read_deadwood, read_plants};
-use super::{Error, close_up, import};
 use crate::abiotics::solar;
-use crate::export::canvas::Canvas;
+use crate::export::canvas::{Canvas, Rect};
 use crate::export::furniture;
 use crate::export::instances::Instances;
 use crate::export::lettering::Lettering;
@@ -25,14 +25,12 @@ use crate::export::render::sky::Sky;
 use crate::export::render::vector::{Vec3, vec3};
 use crate::export::render::view;
 use crate::export::render::world::{Season, World};
-use crate::export::selection::{Filter, SceneContent, Selection};
+use crate::export::selection::{Filter, Selection};
 use crate::io::{Limits, raster_file};
 use crate::math;
-use crate::plants::Plants;
 use crate::progress::{Reporter, Warning};
 use crate::raster::{Frame, GeoTransform, Grid, MapWindow, Mask};
 use crate::scene::{self, Manifest};
-use crate::species::Biome;
 
 /// Sizes a picture may have each way, pixels. chosen: below, nothing is told apart; above, memory runs out.
 pub const SIZES_PX: std::ops::RangeInclusive<u32> = 16..=8192;
@@ -135,7 +133,7 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
         usage(format!("{folder}: no scene there; name a folder from wildwood grow"))
     })?;
     let frames = frame_files(request)?;
-    let (selection, fields) = read(request, &manifest, reporter)?;
+    let (selection, whole_m, fields) = read(request, &manifest, reporter)?;
     let stage = reporter.stage("render", frames.len() as u64);
     let middle = selection.elevation_m.frame().middle();
     let lowest_m = selection.elevation_m.range().map_or(0.0, |(low, _)| f64::from(low));
@@ -144,7 +142,7 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
         &selection.plants,
         &selection.snags,
         &selection.downed_logs,
-        &selection.elevation_m,
+        &whole_m,
         &selection.biome,
         origin,
     );
@@ -264,39 +262,27 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
 
 type Fields = [Option<Grid<f32>>; 3];
 
-/// What is drawn, and grass, litterfall and dryness of its ground.
+/// What is drawn, the elevation of the whole scene, and grass, litterfall and dryness of its ground.
 fn read(
     request: &RenderRequest,
     manifest: &Manifest,
     reporter: &Reporter,
-) -> Result<(Selection, Fields), Error> {
-    let stage = reporter.stage("read scene", 2);
+) -> Result<(Selection, Grid<f32>, Fields), Error> {
     let folder = &request.folder;
-    let biome = Biome::builtin(&manifest.scene.biome)?;
-    let elevation_m = import::load_terrain(folder, manifest)?.elevation_m;
-    let frame = elevation_m.frame().clone();
-    let plants = if folder.join(close_up::PLANTS_FILE).exists() {
-        read_plants(folder, &biome, &frame)?
-    } else {
-        Plants::default()
-    };
-    let deadwood = read_deadwood(folder, &biome, &frame)?;
-    reporter.check_cancelled()?;
-    stage.advance(1);
-    let driest = driest_month(folder, &elevation_m)?;
+    let scene = read_scene(folder, manifest, reporter)?;
+    // places of plants count from the whole scene's corner
+    let whole_m = scene.elevation_m.clone();
     let fields = [
-        field(folder, "grass.tif", 0, &elevation_m)?,
-        field(folder, "litterfall.tif", 0, &elevation_m)?,
-        driest,
+        field(folder, "grass.tif", 0, &whole_m)?,
+        field(folder, "litterfall.tif", 0, &whole_m)?,
+        driest_month(folder, &whole_m)?,
     ];
-    stage.advance(1);
+    reporter.check_cancelled()?;
     let mut filter = request.filter.clone();
     if request.view == ViewRequest::Profile && filter.bbox.is_none() {
-        filter.bbox = Some(transect(&frame));
+        filter.bbox = Some(transect(whole_m.frame()));
     }
-    let name = manifest.scene.name.clone();
-    let scene = SceneContent { name, biome, elevation_m, plants, deadwood };
-    Ok((Selection::new(scene, &filter)?, fields))
+    Ok((Selection::new(scene, &filter)?, whole_m, fields))
 }
 
 /// A strip from west to east through the scene's middle.
@@ -417,6 +403,9 @@ fn take(request: &RenderRequest, world: &World<'_>, light: &Lighting, camera: &C
             let mut canvas = Canvas::from_image(picture);
             let foot = request.size_px[1].saturating_sub(26);
             let m_per_px = 1.0 / f64::from(px_per_m);
+            // a plate, or the letters would be lost among crowns
+            let plate = Rect { x: 10, y: foot.saturating_sub(32), width: 320, height: 50 };
+            canvas.paint(plate, |_, _| furniture::PAPER);
             furniture::scale_bar(&mut canvas, &Lettering::default(), [24, foot], m_per_px);
             canvas.into_image()
         }

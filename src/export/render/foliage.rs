@@ -160,6 +160,12 @@ pub fn draw(
             let [r, s, t, u] = noise::four(noise::hash2(word, k));
             let (wb, wc) = if r + s > 1.0 { (1.0 - r, 1.0 - s) } else { (r, s) };
             let base = a.view + (b.view - a.view) * wb + (c.view - a.view) * wc;
+            // most leaves of a large triangle are in other tiles
+            let at = camera.project_view(base);
+            let reach_px = [at.x - slack_px, at.y - slack_px, at.x + slack_px, at.y + slack_px];
+            if !window.touches(reach_px) {
+                continue;
+            }
             let normal =
                 (a.normal + (b.normal - a.normal) * wb + (c.normal - a.normal) * wc).unit();
             let noise_word = noise::hash2(word ^ 0x5bd1, k);

@@ -29,7 +29,7 @@ const SURVEY_EVERY: usize = 4;
 
 /// Mean brightness, on a logarithmic scale, that pictures from afar and in the forest are exposed for. chosen: below a grey card's 0.18, as
 /// crowns are dark; in the forest the eye gets used to the shade.
-const AERIAL_LIGHT: f32 = 0.130;
+const AERIAL_LIGHT: f32 = 0.122;
 const FOREST_LIGHT: f32 = 0.160;
 
 /// How a picture is made.
@@ -268,7 +268,12 @@ mod tests {
         let n = places.len();
         Instances {
             origin: [0.0; 3],
-            archetypes: vec![Archetype { key: "box".to_owned(), species: 0, levels }],
+            archetypes: vec![Archetype {
+                key: "box".to_owned(),
+                species: 0,
+                levels,
+                colors_srgb: [[150; 3]; Material::ALL.len()],
+            }],
             groups: vec![InstanceGroup {
                 archetype: 0,
                 table: FeatureTable::Plants,

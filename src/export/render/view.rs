@@ -57,7 +57,7 @@ pub fn overview(ground: &Ground, tallest_m: f32, azimuth_rad: f32, size_px: [f32
     let reach = |camera: &Camera| {
         let mut bounds = [f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY];
         for corner in &corners {
-            let Some(p) = camera.project(*corner) else { return None };
+            let p = camera.project(*corner)?;
             bounds =
                 [bounds[0].min(p.x), bounds[1].min(p.y), bounds[2].max(p.x), bounds[3].max(p.y)];
         }
