@@ -10,6 +10,7 @@ mod doctor;
 mod export;
 mod grow;
 mod import;
+mod render;
 mod statistics;
 mod terminal;
 mod validate;
@@ -66,6 +67,8 @@ enum Command {
     Age(age::AgeArguments),
     /// Write a scene, or a part of it, in the formats of GIS, 3D and forest programs.
     Export(Box<export::ExportArguments>),
+    /// Draw pictures of a scene in sun, shade and haze: from the air, from the forest floor, as a section or from above.
+    Render(Box<render::RenderArguments>),
     /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (some minutes).
     Statistics(statistics::StatisticsArguments),
     /// Measure simulation and synthesis of undergrowth, and of deadwood, beside what ecology and the papers say (half a minute).
@@ -106,6 +109,7 @@ pub fn main() -> ExitCode {
         Command::Grow(arguments) => grow::run(arguments, shared, &reporter),
         Command::Age(arguments) => age::run(arguments, shared, &reporter),
         Command::Export(arguments) => export::run(arguments, shared, &reporter),
+        Command::Render(arguments) => render::run(arguments, shared, &reporter),
         Command::Statistics(arguments) => statistics::run(arguments, shared, &reporter),
         Command::Validate(arguments) => validate::run(arguments, shared, &reporter),
         Command::Bench(arguments) => bench::run(arguments, &reporter),

@@ -46,6 +46,11 @@ impl Canvas {
         Self { image: RgbImage::from_pixel(width, height, Pixel(color)) }
     }
 
+    /// A picture that is drawn on.
+    pub fn from_image(image: RgbImage) -> Self {
+        Self { image }
+    }
+
     /// The picture so far.
     pub fn image(&self) -> &RgbImage {
         &self.image

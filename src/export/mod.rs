@@ -3,7 +3,7 @@
 //! Reading order: [`preview`] (a map sheet as PNG), its parts [`layout`], [`relief`], [`ramp`], [`rivers`], [`scale`],
 //! [`fit`]; of forests [`crown_layer`], [`deadwood_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
 //! from the side); [`timeline`] (its years) with [`chart`]; what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`]. Of 3D formats:
-//! [`instances`]. Of tables: [`selection`] (what of a scene is exported), [`tables`], [`geopackage`], [`geojson`],
+//! [`instances`]. [`render`]: pictures in sun and shade. Of tables: [`selection`] (what of a scene is exported), [`tables`], [`geopackage`], [`geojson`],
 //! [`tree_cloud`]; of other forest programs [`iland`] and [`ecoviz`], with [`species_code`].
 
 pub mod canvas;
@@ -23,6 +23,7 @@ pub mod lettering;
 pub mod preview;
 pub mod ramp;
 pub mod relief;
+pub mod render;
 pub mod report;
 pub mod rivers;
 pub mod scale;

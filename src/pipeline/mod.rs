@@ -5,7 +5,8 @@
 //! [`undergrowth`] (and the forest floor), [`statistics`] (what undergrowth is synthesised from),
 //! [`age`] with `age_files` and `checkpoint` (centuries of growth, disturbance, death and decay),
 //! [`validation`] and [`gresolet`] (what comes of it, beside what should), [`close_up`] (a picture of a square of what grew),
-//! [`export`] with [`export_format`] and `export_output` (a scene in the formats of other programs), [`scene_report`].
+//! [`export`] with [`export_format`] and `export_output` (a scene in the formats of other programs),
+//! [`render`] (pictures of it), [`scene_report`] (its figures).
 
 pub mod age;
 mod age_files;
@@ -24,6 +25,7 @@ pub mod learned_canopy;
 mod measured_canopy;
 mod onto_scene;
 mod paint;
+pub mod render;
 mod scene_files;
 pub mod scene_report;
 pub mod statistics;
