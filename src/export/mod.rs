@@ -3,24 +3,34 @@
 //! Reading order: [`preview`] (a map sheet as PNG), its parts [`layout`], [`relief`], [`ramp`], [`rivers`], [`scale`],
 //! [`fit`]; of forests [`crown_layer`], [`deadwood_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
 //! from the side); [`timeline`] (its years) with [`chart`]; what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`]. Of 3D formats:
-//! [`instances`].
+//! [`instances`] and [`terrain_mesh`] (what is written), [`scene3d`] (both, with what the tables say), [`instance_bounds`], [`materials`],
+//! [`decimal_text`], [`text_pieces`]; [`usd`].
 
 pub mod canvas;
 pub mod chart;
 pub mod close_up;
 pub mod crown_layer;
 pub mod deadwood_layer;
+pub mod decimal_text;
+#[cfg(test)]
+mod example3d;
 pub mod fit;
 pub mod furniture;
+pub mod instance_bounds;
 pub mod instances;
 pub mod layout;
 pub mod lettering;
+pub mod materials;
 pub mod preview;
 pub mod ramp;
 pub mod relief;
 pub mod rivers;
 pub mod scale;
+pub mod scene3d;
 pub mod species_legend;
 pub mod species_panel;
 pub mod strokes;
+pub mod terrain_mesh;
+pub mod text_pieces;
 pub mod timeline;
+pub mod usd;
