@@ -260,10 +260,19 @@ fn is_absent_or_empty(folder: &Path) -> Result<bool, Error> {
 pub fn write_beside(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), Error> {
     let path = folder.join(name);
     let fail = |source| Error::Write { path: path.clone(), source };
-    let prefix = format!("{STAGING_PREFIX}{}-", std::process::id());
-    let staging = tempfile::Builder::new().prefix(&prefix).tempdir_in(folder).map_err(fail)?;
+    let staging = staging(folder).map_err(fail)?;
     let staged = staging.path().join(name);
     fs::write(&staged, bytes).and_then(|()| fs::rename(&staged, &path)).map_err(fail)
+}
+
+/// A folder beside files under way, gone when dropped; what runs that were killed left there is swept away.
+///
+/// # Errors
+/// Whatever making it gives.
+pub fn staging(home: &Path) -> io::Result<TempDir> {
+    sweep(home);
+    let prefix = format!("{STAGING_PREFIX}{}-", std::process::id());
+    tempfile::Builder::new().prefix(&prefix).tempdir_in(home)
 }
 
 /// Files under way into a scene folder: all of them arrive, or none.
@@ -291,9 +300,7 @@ impl Transaction {
         let missing = home.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists());
         let made_parents: Vec<PathBuf> = missing.map(Path::to_path_buf).collect();
         fs::create_dir_all(home).map_err(fail)?;
-        sweep(home);
-        let prefix = format!("{STAGING_PREFIX}{}-", std::process::id());
-        let staging = tempfile::Builder::new().prefix(&prefix).tempdir_in(home).map_err(|e| {
+        let staging = staging(home).map_err(|e| {
             remove_empty(&made_parents);
             fail(e)
         })?;

@@ -100,6 +100,19 @@ impl TerrainArguments {
     }
 }
 
+/// The window of a `--bbox`.
+pub fn window(bbox: &[f64]) -> Result<MapWindow, Error> {
+    let usage = |what: String| Error::Usage { what };
+    let &[west, south, east, north] = bbox else {
+        return Err(usage("--bbox takes four numbers: WEST,SOUTH,EAST,NORTH".to_owned()));
+    };
+    if !(west < east && south < north) {
+        let what = "--bbox: west must be less than east and south less than north";
+        return Err(usage(format!("{what}: give WEST,SOUTH,EAST,NORTH")));
+    }
+    Ok(MapWindow { west, south, east, north })
+}
+
 /// A unit of length on the command line.
 #[derive(Clone, Copy, ValueEnum)]
 pub enum Unit {
@@ -184,16 +197,7 @@ pub fn request(
     }
     terrain.horizontal_unit = arguments.horizontal_unit.map(Unit::length);
     terrain.vertical_unit = arguments.vertical_unit.map(Unit::length);
-    if let Some(bbox) = &arguments.bbox {
-        let [west, south, east, north] = bbox[..] else {
-            return Err(usage("--bbox takes four numbers: WEST,SOUTH,EAST,NORTH".to_owned()));
-        };
-        if !(west < east && south < north) {
-            let what = "--bbox: west must be less than east and south less than north";
-            return Err(usage(format!("{what}: give WEST,SOUTH,EAST,NORTH")));
-        }
-        terrain.bbox = Some(MapWindow { west, south, east, north });
-    }
+    terrain.bbox = arguments.bbox.as_deref().map(window).transpose()?;
     terrain.cell_m = arguments.cell;
     terrain.latitude_deg = arguments.latitude;
     if let Some(area_m2) = arguments.fill_holes {

@@ -7,6 +7,7 @@ mod bench;
 mod bench_forest;
 mod demo;
 mod doctor;
+mod export;
 mod grow;
 mod import;
 mod statistics;
@@ -63,6 +64,8 @@ enum Command {
     /// Age a scene's forest by centuries: growth, seeding, fire, storm, disease, drought, death and decay leave snags and downed
     /// logs.
     Age(age::AgeArguments),
+    /// Write a scene, or a part of it, in the formats of GIS, 3D and forest programs.
+    Export(Box<export::ExportArguments>),
     /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (some minutes).
     Statistics(statistics::StatisticsArguments),
     /// Measure simulation and synthesis of undergrowth, and of deadwood, beside what ecology and the papers say (half a minute).
@@ -102,6 +105,7 @@ pub fn main() -> ExitCode {
         Command::Import(arguments) => import::run(arguments, shared, &reporter),
         Command::Grow(arguments) => grow::run(arguments, shared, &reporter),
         Command::Age(arguments) => age::run(arguments, shared, &reporter),
+        Command::Export(arguments) => export::run(arguments, shared, &reporter),
         Command::Statistics(arguments) => statistics::run(arguments, shared, &reporter),
         Command::Validate(arguments) => validate::run(arguments, shared, &reporter),
         Command::Bench(arguments) => bench::run(arguments, &reporter),

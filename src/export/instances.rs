@@ -13,6 +13,17 @@ pub enum FeatureTable {
     DownedLogs,
 }
 
+impl FeatureTable {
+    /// The table's name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Plants => "plants",
+            Self::Snags => "snags",
+            Self::DownedLogs => "downed_logs",
+        }
+    }
+}
+
 /// All instances of an archetype: one entry of each array an instance, in the order of the table's rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InstanceGroup {

@@ -4,7 +4,7 @@
 //! [`fit`]; of forests [`crown_layer`], [`deadwood_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
 //! from the side); [`timeline`] (its years) with [`chart`]; what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`]. Of 3D formats:
 //! [`instances`] and [`terrain_mesh`] (what is written), [`scene3d`] (both, with what the tables say), [`instance_bounds`], [`materials`],
-//! [`decimal_text`], [`text_pieces`]; [`usd`].
+//! [`decimal_text`], [`text_pieces`]; [`usd`], [`gltf`]. Of tables: [`selection`] (what of a scene is exported).
 
 pub mod canvas;
 pub mod chart;
@@ -27,6 +27,7 @@ pub mod relief;
 pub mod rivers;
 pub mod scale;
 pub mod scene3d;
+pub mod selection;
 pub mod species_legend;
 pub mod species_panel;
 pub mod strokes;
@@ -34,3 +35,19 @@ pub mod terrain_mesh;
 pub mod text_pieces;
 pub mod timeline;
 pub mod usd;
+
+use crate::progress::Cancelled;
+
+/// Why an export was not written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+#[allow(missing_docs, reason = "the message tells what the fields are")]
+pub enum WriteError {
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The format cannot hold what is selected.
+    #[error("{what}")]
+    Refused { what: String },
+}

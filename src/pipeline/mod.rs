@@ -4,7 +4,8 @@
 //! [`grow`] (canopy trees), `measured_canopy` and [`learned_canopy`] with `paint` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints);
 //! [`undergrowth`] (and the forest floor), [`statistics`] (what undergrowth is synthesised from),
 //! [`age`] with `age_files` and `checkpoint` (centuries of growth, disturbance, death and decay),
-//! [`validation`] and [`gresolet`] (what comes of it, beside what should), [`close_up`] (a picture of a square of what grew).
+//! [`validation`] and [`gresolet`] (what comes of it, beside what should), [`close_up`] (a picture of a square of what grew),
+//! [`export`] with [`export_format`] and `export_output` (a scene in the formats of other programs).
 
 pub mod age;
 mod age_files;
@@ -13,6 +14,9 @@ mod checkpoint;
 pub mod close_up;
 pub mod demo;
 pub mod exclusion;
+pub mod export;
+pub mod export_format;
+mod export_output;
 pub mod gresolet;
 pub mod grow;
 pub mod import;
@@ -27,6 +31,7 @@ pub mod validation;
 
 use crate::canopy::shares::ShareError;
 use crate::export::close_up::area::AreaError;
+use crate::export::selection::SelectionError;
 use crate::inference::InferenceError;
 use crate::progress::Cancelled;
 use crate::{io, scene, species, terrain};
@@ -48,6 +53,8 @@ pub enum Error {
     Shares(#[from] ShareError),
     #[error("--preview-area: {0}")]
     Area(#[from] AreaError),
+    #[error(transparent)]
+    Selection(#[from] SelectionError),
     #[error(transparent)]
     Inference(InferenceError),
     #[error("{what}")]
