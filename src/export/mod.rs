@@ -16,6 +16,7 @@ pub mod decimal_text;
 mod example3d;
 pub mod fit;
 pub mod furniture;
+pub mod gltf;
 pub mod instance_bounds;
 pub mod instances;
 pub mod layout;
