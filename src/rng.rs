@@ -67,6 +67,10 @@ pub enum Process {
     PoissonTile = 60,
     /// Colours of the corners between Poisson-disk tiles.
     PoissonCorner = 61,
+    /// Shape of a plant's model.
+    ModelShape = 70,
+    /// Which of its species' models stands for a plant, how it is turned and tinted.
+    ModelChoice = 71,
     /// Points that tests strew.
     StrewnPoints = 92,
 }

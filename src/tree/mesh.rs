@@ -13,6 +13,21 @@ pub enum Material {
     Soil,
 }
 
+impl Material {
+    /// Every material, in the order of their numbers.
+    pub const ALL: [Self; 4] = [Self::Bark, Self::Foliage, Self::Wood, Self::Soil];
+
+    /// The material's name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Bark => "bark",
+            Self::Foliage => "foliage",
+            Self::Wood => "wood",
+            Self::Soil => "soil",
+        }
+    }
+}
+
 /// A model's surface of one material. Triangles wind counter-clockwise seen from outside.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshPart {

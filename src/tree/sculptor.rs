@@ -1,0 +1,441 @@
+//! What models are put together from: tubes, caps, clumps of leaves, skirts of branches.
+//!
+//! A sculptor works in metres on a plant of typical size, so that round things are round on it; at the end it shrinks the
+//! plant to one unit.
+
+use std::f32::consts::TAU;
+
+use super::mesh::{Material, Mesh, MeshPart};
+use crate::math;
+use crate::rng::{self, Key, Process};
+
+/// A place or direction: x east, y north, z up.
+pub type Vector = [f32; 3];
+
+/// `a` + `factor` · `b`.
+pub fn along(a: Vector, factor: f32, b: Vector) -> Vector {
+    std::array::from_fn(|i| a[i] + factor * b[i])
+}
+
+/// `a` − `b`.
+pub fn from_to(b: Vector, a: Vector) -> Vector {
+    along(a, -1.0, b)
+}
+
+fn dot(a: Vector, b: Vector) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: Vector, b: Vector) -> Vector {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// `a` at length 1; up if it has none.
+pub fn unit(a: Vector) -> Vector {
+    let length = dot(a, a).sqrt();
+    if length > 1e-12 { a.map(|v| v / length) } else { [0.0, 0.0, 1.0] }
+}
+
+/// Level direction at an angle from east to north.
+pub fn level(angle_rad: f32) -> Vector {
+    [math::cos(angle_rad), math::sin(angle_rad), 0.0]
+}
+
+/// Two directions square to `d` and to each other, so that the three are right-handed.
+fn square_to(d: Vector) -> [Vector; 2] {
+    let u = if d[2].abs() > 0.95 {
+        unit(along([1.0, 0.0, 0.0], -d[0], d))
+    } else {
+        unit(cross([0.0, 0.0, 1.0], d))
+    };
+    [u, cross(d, u)]
+}
+
+/// Radius of the corners of a regular polygon whose area is that of a circle of radius 1.
+pub fn corner_radius(sides: usize) -> f32 {
+    let n = sides as f32; // a few
+    (TAU / (n * math::sin(TAU / n))).sqrt()
+}
+
+/// Random numbers of one model, always the same ones.
+#[derive(Clone, Debug)]
+pub struct Dice {
+    entity: u64,
+    draws: u16,
+}
+
+impl Dice {
+    /// The dice of a model, by what tells it from others.
+    pub fn of(entity: u64) -> Self {
+        Self { entity, draws: 0 }
+    }
+
+    /// The next number in 0..1.
+    pub fn next(&mut self) -> f32 {
+        self.draws = self.draws.wrapping_add(1);
+        let process = Process::ModelShape;
+        let key = Key { seed: 0, process, year: self.draws, month: 0, entity: self.entity };
+        rng::uniforms(key)[0]
+    }
+
+    /// The next number between two.
+    pub fn between(&mut self, low: f32, high: f32) -> f32 {
+        math::lerp(low, high, self.next())
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+struct Surface {
+    positions: Vec<Vector>,
+    normals: Vec<Vector>,
+    triangles: Vec<[u32; 3]>,
+}
+
+/// A point of a tube's axis, and the radius there.
+#[derive(Clone, Copy, Debug)]
+pub struct Knot {
+    /// Place on the axis.
+    pub at: Vector,
+    /// Radius; 0 closes the tube in a point.
+    pub radius: f32,
+}
+
+/// Puts a model together.
+#[derive(Clone, Debug, Default)]
+pub struct Sculptor {
+    surfaces: [Surface; Material::ALL.len()],
+}
+
+impl Sculptor {
+    fn surface(&mut self, material: Material) -> &mut Surface {
+        &mut self.surfaces[material as usize]
+    }
+
+    /// Adds a vertex; returns its index in its material.
+    pub fn vertex(&mut self, material: Material, position: Vector, normal: Vector) -> u32 {
+        let surface = self.surface(material);
+        surface.positions.push(position);
+        surface.normals.push(unit(normal));
+        (surface.positions.len() - 1) as u32 // a model has some hundreds
+    }
+
+    /// Adds a triangle of vertices of one material, counter-clockwise seen from outside.
+    pub fn triangle(&mut self, material: Material, corners: [u32; 3]) {
+        self.surface(material).triangles.push(corners);
+    }
+
+    /// Adds a tube around an axis from its first knot to its last. Level rings suit stems, rings square to the axis all else.
+    pub fn tube(&mut self, material: Material, knots: &[Knot], sides: usize, level_rings: bool) {
+        let [Some(first), Some(last)] = [knots.first(), knots.last()] else { return };
+        let ahead = unit(from_to(first.at, last.at));
+        let [u, v] =
+            if level_rings { [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] } else { square_to(ahead) };
+        let corner = corner_radius(sides);
+        let rings: Vec<Vec<u32>> = (0..knots.len())
+            .map(|i| {
+                let Knot { at, radius } = knots[i];
+                // how much the surface faces ahead: the more, the faster the tube narrows
+                let (before, after) =
+                    (knots[i.saturating_sub(1)], knots[(i + 1).min(knots.len() - 1)]);
+                let run = dot(from_to(before.at, after.at), ahead).max(1e-6);
+                let facing = (before.radius - after.radius) / run;
+                if radius <= 0.0 {
+                    return vec![self.vertex(material, at, ahead)];
+                }
+                let around = (0..sides).map(|side| {
+                    let angle = TAU * side as f32 / sides as f32;
+                    let (c, s) = (math::cos(angle), math::sin(angle));
+                    std::array::from_fn(|k| c * u[k] + s * v[k])
+                });
+                around
+                    .map(|out| {
+                        let normal = along(out, facing, ahead);
+                        self.vertex(material, along(at, radius * corner, out), normal)
+                    })
+                    .collect()
+            })
+            .collect();
+        for pair in rings.windows(2) {
+            self.band(material, &pair[0], &pair[1]);
+        }
+    }
+
+    /// Joins two rings of vertices, the second further ahead; a ring of one vertex is a point.
+    pub fn band(&mut self, material: Material, low: &[u32], high: &[u32]) {
+        let sides = low.len().max(high.len());
+        let at = |ring: &[u32], side: usize| ring[side % ring.len()];
+        for side in 0..sides {
+            let [a, b] = [at(low, side), at(low, side + 1)];
+            let [d, c] = [at(high, side), at(high, side + 1)];
+            if low.len() > 1 {
+                self.triangle(material, [a, b, if high.len() > 1 { c } else { d }]);
+            }
+            if high.len() > 1 {
+                self.triangle(material, [a, c, d]);
+            }
+        }
+    }
+
+    /// Closes a tube's end: a disc that faces `ahead`, whose middle lies `dent` behind it.
+    pub fn cap(&mut self, material: Material, knot: Knot, ahead: Vector, sides: usize, dent: f32) {
+        self.broken_cap(material, knot, ahead, sides, &|_| 0.0, dent);
+    }
+
+    /// Closes a tube's end with teeth: corner `side` stands `tooth(side)` ahead.
+    pub fn broken_cap(
+        &mut self,
+        material: Material,
+        knot: Knot,
+        ahead: Vector,
+        sides: usize,
+        tooth: &dyn Fn(usize) -> f32,
+        dent: f32,
+    ) {
+        let [u, v] = square_to(ahead);
+        let corner = knot.radius * corner_radius(sides);
+        let middle = self.vertex(material, along(knot.at, -dent, ahead), ahead);
+        let ring: Vec<u32> = (0..sides)
+            .map(|side| {
+                let angle = TAU * side as f32 / sides as f32;
+                let (c, s) = (math::cos(angle), math::sin(angle));
+                let out = std::array::from_fn(|k| c * u[k] + s * v[k]);
+                let place = along(along(knot.at, corner, out), tooth(side), ahead);
+                self.vertex(material, place, along(ahead, -0.3, out))
+            })
+            .collect();
+        self.band(material, &ring, &[middle]);
+    }
+
+    /// Adds a clump of leaves: an uneven ellipsoid of 8 · `frequency`² triangles.
+    pub fn clump(&mut self, clump: &Clump, dice: &mut Dice) {
+        let Clump { middle, radii, frequency, unevenness, heart } = *clump;
+        let (directions, triangles) = octasphere(frequency);
+        let indices: Vec<u32> = directions
+            .iter()
+            .map(|&direction| {
+                let swell = 1.0 + unevenness * dice.between(-1.0, 1.0);
+                let place = std::array::from_fn(|k| middle[k] + swell * radii[k] * direction[k]);
+                // between the clump's own roundness and the crown's
+                let own = unit(std::array::from_fn(|k| direction[k] / radii[k]));
+                let normal = along(own, 0.45, unit(from_to(heart, place)));
+                self.vertex(Material::Foliage, place, normal)
+            })
+            .collect();
+        for corners in triangles {
+            self.triangle(Material::Foliage, corners.map(|c| indices[c]));
+        }
+    }
+
+    /// Adds a skirt of branches around the stem: from a point on the axis down to a rim of uneven tips, closed below.
+    pub fn skirt(&mut self, skirt: &Skirt, dice: &mut Dice) {
+        let Skirt { axis, top_m, rim_m, under_m, radius_m, tips, notch } = *skirt;
+        let count = if notch > 0.0 { 2 * tips } else { tips };
+        let turn = dice.between(0.0, TAU);
+        let rim: Vec<Vector> = (0..count)
+            .map(|i| {
+                let is_tip = notch <= 0.0 || i % 2 == 0;
+                let reach = if is_tip { dice.between(0.86, 1.0) } else { 1.0 - notch };
+                let wobble = if notch > 0.0 { dice.between(-0.12, 0.12) } else { 0.0 };
+                let angle = turn + TAU * (i as f32 + wobble) / count as f32;
+                // notches lie higher: branches hang
+                let height = if is_tip { rim_m } else { math::lerp(rim_m, top_m, 0.25) };
+                let out = level(angle);
+                [axis[0] + reach * radius_m * out[0], axis[1] + reach * radius_m * out[1], height]
+            })
+            .collect();
+        let material = Material::Foliage;
+        let tilt = (top_m - rim_m).max(0.0) / radius_m;
+        let peak = self.vertex(material, [axis[0], axis[1], top_m], [0.0, 0.0, 1.0]);
+        let bottom = self.vertex(material, [axis[0], axis[1], under_m], [0.0, 0.0, -1.0]);
+        let outward = |place: Vector, up: f32| {
+            let out = unit([place[0] - axis[0], place[1] - axis[1], 0.0]);
+            [tilt.max(0.35) * out[0], tilt.max(0.35) * out[1], up]
+        };
+        let upper: Vec<u32> =
+            rim.iter().map(|&p| self.vertex(material, p, outward(p, 1.0))).collect();
+        let lower: Vec<u32> =
+            rim.iter().map(|&p| self.vertex(material, p, outward(p, -1.0))).collect();
+        self.band(material, &upper, &[peak]);
+        self.band(material, &[bottom], &lower);
+    }
+
+    /// Adds a body of revolution that narrows to points at both ends: rings of radius by height, uneven by a share of each.
+    pub fn lathe(&mut self, lathe: &Lathe<'_>, dice: &mut Dice) {
+        let Lathe { axis, low_m, high_m, rings, sides, unevenness } = *lathe;
+        let material = Material::Foliage;
+        let mut before = vec![self.vertex(material, [axis[0], axis[1], low_m], [0.0, 0.0, -1.0])];
+        for (i, &(height_m, radius_m)) in rings.iter().enumerate() {
+            let (low, high) = (
+                i.checked_sub(1).map_or((low_m, 0.0), |j| rings[j]),
+                rings.get(i + 1).copied().unwrap_or((high_m, 0.0)),
+            );
+            let facing = (low.1 - high.1) / (high.0 - low.0).max(1e-6);
+            let ring: Vec<u32> = (0..sides)
+                .map(|side| {
+                    let out = level(TAU * (side as f32 + 0.5 * (i % 2) as f32) / sides as f32);
+                    let reach = radius_m * (1.0 + unevenness * dice.between(-1.0, 1.0));
+                    let place = [axis[0] + reach * out[0], axis[1] + reach * out[1], height_m];
+                    self.vertex(material, place, along(out, facing, [0.0, 0.0, 1.0]))
+                })
+                .collect();
+            self.band(material, &before, &ring);
+            before = ring;
+        }
+        let top = self.vertex(material, [axis[0], axis[1], high_m], [0.0, 0.0, 1.0]);
+        self.band(material, &before, &[top]);
+    }
+
+    /// Flattens everything towards z = 0.
+    pub fn flatten(&mut self, factor: f32) {
+        for surface in &mut self.surfaces {
+            surface.stretch([1.0, 1.0, factor]);
+        }
+    }
+
+    /// Moves everything beyond a distance from the axis in to it, and what reaches farthest out to it, in proportion.
+    pub fn fit_reach(&mut self, radius_m: f32) {
+        let away = |[x, y, _]: &Vector| (x * x + y * y).sqrt();
+        let places = self.surfaces.iter().flat_map(|s| &s.positions);
+        let wide = places.map(away).fold(0.0, f32::max);
+        if wide <= 0.0 {
+            return;
+        }
+        for surface in &mut self.surfaces {
+            for place in &mut surface.positions {
+                let share = away(place) / wide;
+                // the stem near the axis stays as it is
+                let factor =
+                    math::lerp(1.0, radius_m / wide, math::smoothstep((share - 0.2) / 0.6));
+                place[0] *= factor;
+                place[1] *= factor;
+            }
+        }
+    }
+
+    /// Stretches leaves, so that their greatest distance from the axis and their top are as given.
+    pub fn fit_foliage(&mut self, radius_m: f32, height_m: f32) {
+        self.fit(&[Material::Foliage], radius_m, height_m);
+    }
+
+    /// Stretches some materials, so that their greatest distance from the axis and their top are as given.
+    pub fn fit(&mut self, materials: &[Material], radius_m: f32, height_m: f32) {
+        let places =
+            || materials.iter().flat_map(|m| self.surfaces[*m as usize].positions.iter().copied());
+        let wide = places().map(|[x, y, _]| (x * x + y * y).sqrt()).fold(0.0, f32::max);
+        let high = places().map(|p| p[2]).fold(0.0, f32::max);
+        if wide <= 0.0 || high <= 0.0 {
+            return;
+        }
+        let factors = [radius_m / wide, radius_m / wide, height_m / high];
+        for material in materials {
+            self.surface(*material).stretch(factors);
+        }
+    }
+
+    /// The model, shrunk by the given sizes.
+    pub fn into_mesh(self, size_m: Vector) -> Mesh {
+        let parts = Material::ALL.into_iter().zip(self.surfaces);
+        let parts = parts.filter(|(_, surface)| !surface.triangles.is_empty());
+        Mesh {
+            parts: parts
+                .map(|(material, mut surface)| {
+                    surface.stretch(size_m.map(|size| 1.0 / size));
+                    let Surface { positions, normals, triangles } = surface;
+                    MeshPart { material, positions, normals, triangles }
+                })
+                .collect(),
+        }
+    }
+}
+
+impl Surface {
+    fn stretch(&mut self, factors: Vector) {
+        for place in &mut self.positions {
+            *place = std::array::from_fn(|k| place[k] * factors[k]);
+        }
+        for normal in &mut self.normals {
+            *normal = unit(std::array::from_fn(|k| normal[k] / factors[k]));
+        }
+    }
+}
+
+/// An uneven ellipsoid of leaves.
+#[derive(Clone, Copy, Debug)]
+pub struct Clump {
+    /// Its middle.
+    pub middle: Vector,
+    /// Its half axes.
+    pub radii: Vector,
+    /// Edges along a quarter of its girth.
+    pub frequency: usize,
+    /// How far its surface rises and falls, as a share of its radius.
+    pub unevenness: f32,
+    /// Middle of the crown, which light falls around.
+    pub heart: Vector,
+}
+
+/// A skirt of branches.
+#[derive(Clone, Copy, Debug)]
+pub struct Skirt {
+    /// Where the stem is.
+    pub axis: [f32; 2],
+    /// Height of its middle above.
+    pub top_m: f32,
+    /// Height of its tips.
+    pub rim_m: f32,
+    /// Height of its middle below.
+    pub under_m: f32,
+    /// Its reach.
+    pub radius_m: f32,
+    /// Number of tips.
+    pub tips: usize,
+    /// How deep the rim is cut between tips, as a share of the reach; 0 for a plain rim.
+    pub notch: f32,
+}
+
+/// A body of revolution.
+#[derive(Clone, Copy, Debug)]
+pub struct Lathe<'a> {
+    /// Where the stem is.
+    pub axis: [f32; 2],
+    /// Height of its lowest point.
+    pub low_m: f32,
+    /// Height of its highest point.
+    pub high_m: f32,
+    /// Heights and radii of its rings, from below.
+    pub rings: &'a [(f32, f32)],
+    /// Corners of a ring.
+    pub sides: usize,
+    /// How far its surface rises and falls, as a share of its radius.
+    pub unevenness: f32,
+}
+
+/// A sphere of radius 1 from an octahedron whose edges are cut `frequency` times: vertices and triangles.
+fn octasphere(frequency: usize) -> (Vec<Vector>, Vec<[usize; 3]>) {
+    let n = frequency.max(1) as i32; // a few
+    let mut places: Vec<[i32; 3]> = Vec::new();
+    let mut triangles = Vec::new();
+    let mut index = |place: [i32; 3]| {
+        places.iter().position(|p| *p == place).unwrap_or_else(|| {
+            places.push(place);
+            places.len() - 1
+        })
+    };
+    for octant in 0..8 {
+        let sign = [0, 1, 2].map(|axis| if octant >> axis & 1 == 0 { 1 } else { -1 });
+        let is_mirrored = sign[0] * sign[1] * sign[2] < 0;
+        let mut corner = |i: i32, j: i32| index([sign[0] * i, sign[1] * j, sign[2] * (n - i - j)]);
+        let mut add = |[a, b, c]: [usize; 3]| {
+            triangles.push(if is_mirrored { [a, c, b] } else { [a, b, c] });
+        };
+        for i in 0..n {
+            for j in 0..n - i {
+                add([corner(i + 1, j), corner(i, j + 1), corner(i, j)]);
+                if i + j + 1 < n {
+                    add([corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)]);
+                }
+            }
+        }
+    }
+    (places.into_iter().map(|p| unit(p.map(|v| v as f32))).collect(), triangles)
+}
