@@ -61,7 +61,8 @@ fn archetype(key: &str, species: u16, materials: [Material; 2]) -> Archetype {
             cone(materials[1], corners, 1.0, 0.3, 1.0),
         ],
     };
-    Archetype { key: key.to_owned(), species, levels: [level(12), level(6), level(3)] }
+    let colors_srgb = [[92, 76, 62], [60, 90, 50], [158, 142, 120], [84, 66, 48]];
+    Archetype { key: key.to_owned(), species, levels: [level(12), level(6), level(3)], colors_srgb }
 }
 
 impl Example {

@@ -31,11 +31,7 @@ pub fn geocentric_m(longitude_deg: f64, latitude_deg: f64, height_m: f64) -> Vec
 fn up(longitude_deg: f64, latitude_deg: f64) -> Vector {
     let (longitude, latitude) = (longitude_deg.to_radians(), latitude_deg.to_radians());
     let level = math::cos_f64(latitude);
-    [
-        level * math::cos_f64(longitude),
-        level * math::sin_f64(longitude),
-        math::sin_f64(latitude),
-    ]
+    [level * math::cos_f64(longitude), level * math::sin_f64(longitude), math::sin_f64(latitude)]
 }
 
 fn dot(a: Vector, b: Vector) -> f64 {
@@ -81,8 +77,7 @@ impl Globe {
     /// [`CrsError`] for local metres and outside the system's domain.
     pub fn new(crs: &Crs, origin: Vector, low: [f32; 2], high: [f32; 2]) -> Result<Self, CrsError> {
         let projection = Projection::new(crs)?;
-        let degrees =
-            |x: f64, y: f64| projection.lon_lat_deg([origin[0] + x, origin[1] + y]);
+        let degrees = |x: f64, y: f64| projection.lon_lat_deg([origin[0] + x, origin[1] + y]);
         let place = |x: f64, y: f64| -> Result<(Vector, Vector), CrsError> {
             let [longitude, latitude] = degrees(x, y)?;
             Ok((geocentric_m(longitude, latitude, origin[2]), up(longitude, latitude)))
@@ -112,10 +107,7 @@ impl Globe {
     pub fn root(&self) -> [f64; 16] {
         let [x, y, z] = self.axes;
         let o = self.origin_m;
-        [
-            x[0], x[1], x[2], 0.0, y[0], y[1], y[2], 0.0, z[0], z[1], z[2], 0.0, o[0], o[1], o[2],
-            1.0,
-        ]
+        [x[0], x[1], x[2], 0.0, y[0], y[1], y[2], 0.0, z[0], z[1], z[2], 0.0, o[0], o[1], o[2], 1.0]
     }
 
     /// Where metres of the map lie in the root's frame, within 1 mm.
@@ -131,7 +123,11 @@ impl Globe {
         let shares = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
         std::array::from_fn(|k| {
             let z = f64::from(map_m[2]);
-            corners.iter().zip(shares).map(|(node, share)| share * (node.at_m[k] + z * node.up[k])).sum()
+            corners
+                .iter()
+                .zip(shares)
+                .map(|(node, share)| share * (node.at_m[k] + z * node.up[k]))
+                .sum()
         })
     }
 }
@@ -146,7 +142,8 @@ mod tests {
         let latitude = 53.0 + 48.0 / 60.0 + 33.820 / 3600.0;
         let longitude = 2.0 + 7.0 / 60.0 + 46.380 / 3600.0;
         let found = geocentric_m(longitude, latitude, 73.0);
-        for (found, expected) in found.into_iter().zip([3_771_793.968, 140_253.342, 5_124_304.349]) {
+        for (found, expected) in found.into_iter().zip([3_771_793.968, 140_253.342, 5_124_304.349])
+        {
             assert!((found - expected).abs() < 1e-3, "{found}");
         }
     }
@@ -158,7 +155,12 @@ mod tests {
         let globe = Globe::new(&crs, origin, [-2_000.0; 2], [2_000.0; 2]).unwrap();
         let projection = Projection::new(&crs).unwrap();
         let root = globe.root();
-        for map_m in [[0.0_f32; 3], [1_940.0, -1_833.0, 412.0], [-2_000.0, 2_000.0, -90.0], [33.0, 51.0, 8.0]] {
+        for map_m in [
+            [0.0_f32; 3],
+            [1_940.0, -1_833.0, 412.0],
+            [-2_000.0, 2_000.0, -90.0],
+            [33.0, 51.0, 8.0],
+        ] {
             let local = globe.place_m(map_m);
             let [x, y, z] = map_m.map(f64::from);
             let [longitude, latitude] =
@@ -175,9 +177,12 @@ mod tests {
     #[test]
     fn the_root_is_a_rotation_and_x_runs_along_the_maps_east() {
         let globe =
-            Globe::new(&Crs::Epsg(32633), [720_000.0, 5_100_000.0, 0.0], [0.0; 2], [1.0; 2]).unwrap();
+            Globe::new(&Crs::Epsg(32633), [720_000.0, 5_100_000.0, 0.0], [0.0; 2], [1.0; 2])
+                .unwrap();
         let [x, y, z] = globe.axes;
-        assert!(dot(x, y).abs() < 1e-12 && dot(y, z).abs() < 1e-12 && (dot(x, x) - 1.0).abs() < 1e-12);
+        assert!(
+            dot(x, y).abs() < 1e-12 && dot(y, z).abs() < 1e-12 && (dot(x, x) - 1.0).abs() < 1e-12
+        );
         // map scale 1.0002 at 220 km from the central meridian; convergence is in the axes
         let [east, north, _] = globe.place_m([1_000.0, 0.0, 0.0]);
         assert!((east - 1_000.0).abs() < 0.5 && north.abs() < 0.05, "{east} {north}");

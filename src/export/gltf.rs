@@ -56,7 +56,7 @@ pub fn write(
     for group in scene.instances.groups.iter().filter(|group| !group.row.is_empty()) {
         let archetype = &scene.instances.archetypes[group.archetype];
         let model = encode_model(archetype, options.lod);
-        let mesh = glb.embed_model(&model, scene, archetype.species, &archetype.key);
+        let mesh = glb.embed_model(&model, archetype, scene.biome);
         let chosen = Chosen::All(group.row.len());
         nodes.push(add_group(&mut glb, &mut features, scene, group, chosen, mesh, &|place| place));
     }

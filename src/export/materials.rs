@@ -1,34 +1,18 @@
-//! Colours of surfaces in 3D formats.
+//! Materials of models in 3D formats: names, and colours in light.
 
+use super::scene3d::identifier;
 use crate::species::Biome;
+use crate::tree::archetype::Archetype;
 use crate::tree::mesh::Material;
 
 /// Bare soil and litter between plants, sRGB. chosen: a dry brown that lets foliage stand out.
 pub const GROUND_SRGB: [u8; 3] = [112, 98, 74];
 
-impl Material {
-    /// Every material, in the order of their numbers.
-    pub const ALL: [Self; 4] = [Self::Bark, Self::Foliage, Self::Wood, Self::Soil];
-
-    /// The material's name in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Bark => "bark",
-            Self::Foliage => "foliage",
-            Self::Wood => "wood",
-            Self::Soil => "soil",
-        }
-    }
-}
-
-/// Colour of a material on a species, sRGB.
-pub fn color_srgb(material: Material, species: u16, biome: &Biome) -> [u8; 3] {
-    match material {
-        Material::Foliage => biome.species[usize::from(species)].color_srgb,
-        Material::Bark => [92, 76, 62],    // chosen: grey-brown
-        Material::Wood => [158, 142, 120], // chosen: weathered wood, paler than bark
-        Material::Soil => [84, 66, 48],    // chosen: fresh soil, darker than the ground
-    }
+/// A name for a material of a model, of letters, digits and underscores; equal names mean equal colours.
+pub fn material_name(archetype: &Archetype, material: Material, biome: &Biome) -> String {
+    let species = identifier(&biome.species[usize::from(archetype.species)].key);
+    let [r, g, b] = archetype.color_srgb(material);
+    format!("{species}_{}_{r:02x}{g:02x}{b:02x}", material.name())
 }
 
 /// A channel of a colour in light, 0..=1.
@@ -58,10 +42,10 @@ mod tests {
     }
 
     #[test]
-    fn foliage_has_the_colour_of_its_species() {
-        let biome = Biome::builtin("sonoma").unwrap();
-        assert_eq!(color_srgb(Material::Foliage, 3, &biome), biome.species[3].color_srgb);
-        let names: Vec<&str> = Material::ALL.map(Material::name).to_vec();
-        assert_eq!(names, ["bark", "foliage", "wood", "soil"]);
+    fn names_tell_species_material_and_colour() {
+        let example = super::super::example3d::Example::new(1);
+        let pine = &example.instances.archetypes[0];
+        let name = material_name(pine, Material::Foliage, &example.biome);
+        assert_eq!(name, "gray_pine_foliage_3c5a32");
     }
 }

@@ -4,7 +4,7 @@
 //! [`fit`]; of forests [`crown_layer`], [`deadwood_layer`], [`species_panel`], [`species_legend`]; [`close_up`] (a square of the forest from above and
 //! from the side); [`timeline`] (its years) with [`chart`]; what draws: [`canvas`], [`strokes`], [`lettering`], [`furniture`]. Of 3D formats:
 //! [`instances`] and [`terrain_mesh`] (what is written), [`scene3d`] (both, with what the tables say), [`instance_bounds`], [`materials`],
-//! [`decimal_text`], [`text_pieces`]; [`usd`], [`gltf`]. Of tables: [`selection`] (what of a scene is exported).
+//! [`decimal_text`], [`text_pieces`]; [`usd`], [`gltf`], [`tiles3d`] with [`globe`], [`mitsuba`], [`points`]. Of tables: [`selection`] (what of a scene is exported).
 
 pub mod canvas;
 pub mod chart;
@@ -16,12 +16,15 @@ pub mod decimal_text;
 mod example3d;
 pub mod fit;
 pub mod furniture;
+pub mod globe;
 pub mod gltf;
 pub mod instance_bounds;
 pub mod instances;
 pub mod layout;
 pub mod lettering;
 pub mod materials;
+pub mod mitsuba;
+pub mod points;
 pub mod preview;
 pub mod ramp;
 pub mod relief;
@@ -34,6 +37,7 @@ pub mod species_panel;
 pub mod strokes;
 pub mod terrain_mesh;
 pub mod text_pieces;
+pub mod tiles3d;
 pub mod timeline;
 pub mod usd;
 

@@ -93,7 +93,9 @@ pub fn write(folder: &Path, scene: &Scene3d<'_>) -> Result<(), WriteError> {
         write_terrain(folder, scene, &frame)?;
     }
     fs::create_dir_all(folder.join("tiles"))?;
-    plan.tiles.par_iter().try_for_each(|tile| write_tile(folder, scene, &frame, &plan, &models, tile))?;
+    plan.tiles
+        .par_iter()
+        .try_for_each(|tile| write_tile(folder, scene, &frame, &plan, &models, tile))?;
     let tileset = tileset(scene, &frame, &plan, &all);
     fs::write(folder.join("tileset.json"), format!("{tileset:#}\n"))?;
     Ok(())
@@ -170,7 +172,7 @@ fn write_tile(
             unreachable!("models of every level that is shown are written")
         };
         let mesh = *mesh_of.entry(group.archetype).or_insert_with(|| {
-            glb.link_model(model, uri, &scene.instances.archetypes[group.archetype])
+            glb.link_model(model, uri, &scene.instances.archetypes[group.archetype], scene.biome)
         });
         let chosen = Chosen::Some(instances);
         nodes.push(add_group(&mut glb, &mut features, scene, group, chosen, mesh, &place));
@@ -272,7 +274,8 @@ mod tests {
 
     /// Walks a tile: errors fall, boxes hold the children's; gives the number of leaf instances by their property tables.
     fn walk(folder: &Path, tile: &Value, frame: &[f64], parent_error: f64) -> u64 {
-        let own = tile["transform"].as_array().map_or(NO_TURN.to_vec(), |_| numbers(&tile["transform"]));
+        let own =
+            tile["transform"].as_array().map_or(NO_TURN.to_vec(), |_| numbers(&tile["transform"]));
         let frame = multiplied(frame, &own);
         let error = tile["geometricError"].as_f64().unwrap();
         assert!(error < parent_error);

@@ -8,7 +8,7 @@
 //! # Reference
 //! OpenUSD: the schemas of UsdGeom and UsdShade, and the specification of `UsdPreviewSurface` 2.6.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io;
 
@@ -17,8 +17,8 @@ use rayon::prelude::*;
 use super::decimal_text::{push_decimal, push_tuple, push_whole};
 use super::instance_bounds::Bounds;
 use super::instances::{FeatureTable, InstanceGroup};
-use super::materials::{GROUND_SRGB, color_srgb, linear, linear_table};
-use super::scene3d::{Lod, MAIN_MEASURES, Scene3d, identifier};
+use super::materials::{GROUND_SRGB, linear, linear_table, material_name};
+use super::scene3d::{Lod, MAIN_MEASURES, Scene3d};
 use super::text_pieces::TextPieces;
 use crate::tree::mesh::{Material, MeshPart};
 
@@ -92,18 +92,14 @@ fn head(pieces: &mut TextPieces<'_>, scene: &Scene3d<'_>, options: &UsdOptions) 
     pieces.text(text);
 }
 
-fn material_name(scene: &Scene3d<'_>, material: Material, species: u16) -> String {
-    let key = &scene.biome.species[usize::from(species)].key;
-    format!("{}_{}", identifier(key), material.name())
-}
-
 /// Every material of every species that is seen, and the ground's.
 fn materials(pieces: &mut TextPieces<'_>, scene: &Scene3d<'_>) {
-    let mut used = BTreeSet::new();
+    let mut used = BTreeMap::new();
     for group in scene.instances.groups.iter().filter(|group| !group.row.is_empty()) {
         let archetype = &scene.instances.archetypes[group.archetype];
         for part in archetype.levels.iter().flat_map(|mesh| &mesh.parts) {
-            used.insert((archetype.species, part.material));
+            let name = material_name(archetype, part.material, scene.biome);
+            used.insert(name, archetype.color_srgb(part.material));
         }
     }
     let mut text = "    def Scope \"Materials\"\n    {\n".to_owned();
@@ -119,10 +115,7 @@ fn materials(pieces: &mut TextPieces<'_>, scene: &Scene3d<'_>) {
         );
     };
     add("ground", GROUND_SRGB);
-    for (species, material) in used {
-        let name = material_name(scene, material, species);
-        add(&name, color_srgb(material, species, scene.biome));
-    }
+    used.iter().for_each(|(name, color)| add(name, *color));
     text.push_str("    }\n\n");
     pieces.text(text);
 }
@@ -273,7 +266,7 @@ fn prototypes<'a>(pieces: &mut TextPieces<'a>, scene: &Scene3d<'a>, group: &Inst
             let MeshPart { material, positions, normals, triangles } = part;
             let of_part = Surface {
                 name: material.name(),
-                material: material_name(scene, *material, archetype.species),
+                material: material_name(archetype, *material, scene.biome),
                 positions,
                 normals,
                 triangles,

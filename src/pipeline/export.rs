@@ -11,9 +11,11 @@ use serde_json::json;
 use super::export_format::{ExportFormat, OutputKind};
 use super::export_output::{NOTE, Output, write_error};
 use super::scene_files::{read_deadwood, read_plants};
-use super::{Error, close_up, import};
+use super::{Error, close_up, export_3d, import};
 use crate::export::WriteError;
 use crate::export::instances::FeatureTable;
+use crate::export::points::Flavour;
+use crate::export::scene3d::Lod;
 use crate::export::selection::{self, ExportLayer, Filter, SceneContent, Selection};
 use crate::plants::Plants;
 use crate::progress::Reporter;
@@ -37,6 +39,10 @@ pub struct ExportOptions {
     pub has_crowns: bool,
     /// What coordinates of 3D formats count from.
     pub origin: Origin,
+    /// Level of detail of models; `None` goes by the number of instances.
+    pub lod: Option<Lod>,
+    /// Axes and unit of lists of points.
+    pub flavour: Flavour,
 }
 
 /// What is to be exported, and where to.
@@ -114,10 +120,10 @@ pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Err
 /// Writes a selection to a path: a file that is not there yet, or an empty folder.
 fn write(
     format: ExportFormat,
-    _selection: &Selection,
-    _options: &ExportOptions,
-    _to: &Path,
-    _reporter: &Reporter,
+    selection: &Selection,
+    options: &ExportOptions,
+    to: &Path,
+    reporter: &Reporter,
 ) -> Result<(), WriteError> {
     match format {
         ExportFormat::GeoPackage
@@ -127,11 +133,11 @@ fn write(
         | ExportFormat::Las
         | ExportFormat::ILand
         | ExportFormat::EcoViz => Err(not_yet(format)),
-        ExportFormat::Usd => Err(not_yet(format)),
-        ExportFormat::Glb => Err(not_yet(format)),
-        ExportFormat::Tiles3d => Err(not_yet(format)),
-        ExportFormat::Mitsuba => Err(not_yet(format)),
-        ExportFormat::Points => Err(not_yet(format)),
+        ExportFormat::Usd
+        | ExportFormat::Glb
+        | ExportFormat::Tiles3d
+        | ExportFormat::Mitsuba
+        | ExportFormat::Points => export_3d::write(format, selection, options, to, reporter),
     }
 }
 

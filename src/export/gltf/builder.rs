@@ -7,8 +7,9 @@ use serde_json::{Value, json};
 
 use super::models::ModelData;
 use crate::export::WriteError;
-use crate::export::materials::color_srgb;
-use crate::export::scene3d::{Scene3d, identifier};
+use crate::export::materials::{linear, material_name};
+use crate::species::Biome;
+use crate::tree::archetype::Archetype;
 use crate::tree::mesh::Material;
 
 /// glTF's number of a component type.
@@ -100,14 +101,13 @@ impl GlbBuilder {
     pub fn embed_model(
         &mut self,
         model: &ModelData,
-        scene: &Scene3d<'_>,
-        species: u16,
-        name: &str,
+        archetype: &Archetype,
+        biome: &Biome,
     ) -> usize {
         self.bin.resize(self.bin.len().next_multiple_of(ALIGNMENT), 0);
         let start = self.bin.len();
         self.bin.extend_from_slice(&model.bytes);
-        self.model(model, 0, start, scene, species, name)
+        self.model(model, 0, start, archetype, biome)
     }
 
     /// Adds a model whose bytes are a file of their own at `uri`; gives its mesh.
@@ -115,12 +115,11 @@ impl GlbBuilder {
         &mut self,
         model: &ModelData,
         uri: &str,
-        scene: &Scene3d<'_>,
-        species: u16,
-        name: &str,
+        archetype: &Archetype,
+        biome: &Biome,
     ) -> usize {
         self.external.push(json!({ "uri": uri, "byteLength": model.bytes.len() }));
-        self.model(model, self.external.len(), 0, scene, species, name)
+        self.model(model, self.external.len(), 0, archetype, biome)
     }
 
     fn model(
@@ -128,9 +127,8 @@ impl GlbBuilder {
         model: &ModelData,
         buffer: usize,
         start: usize,
-        scene: &Scene3d<'_>,
-        species: u16,
-        name: &str,
+        archetype: &Archetype,
+        biome: &Biome,
     ) -> usize {
         let mut primitives = Vec::new();
         for part in &model.parts {
@@ -155,13 +153,13 @@ impl GlbBuilder {
             self.set_accessor(positions, "max", json!(part.bounds.high));
             let normals = self.accessor(views[1], 0, Component::F32, "VEC3", part.vertices);
             let indices = self.accessor(views[2], 0, part.index, "SCALAR", part.indices);
-            let material = self.material(scene, part.material, species);
+            let material = self.material(archetype, part.material, biome);
             primitives.push(json!({
                 "attributes": { "POSITION": positions, "NORMAL": normals },
                 "indices": indices, "material": material,
             }));
         }
-        self.mesh(name, primitives)
+        self.mesh(&archetype.key, primitives)
     }
 
     /// Adds a mesh.
@@ -170,11 +168,9 @@ impl GlbBuilder {
         self.meshes.len() - 1
     }
 
-    fn material(&mut self, scene: &Scene3d<'_>, material: Material, species: u16) -> usize {
-        let key = &scene.biome.species[usize::from(species)].key;
-        let name = format!("{}_{}", identifier(key), material.name());
-        let color = color_srgb(material, species, scene.biome);
-        self.named_material(&name, color, material == Material::Foliage)
+    fn material(&mut self, archetype: &Archetype, material: Material, biome: &Biome) -> usize {
+        let name = material_name(archetype, material, biome);
+        self.named_material(&name, archetype.color_srgb(material), material == Material::Foliage)
     }
 
     /// A matte material of a colour; one of the same name is taken again.
@@ -182,7 +178,7 @@ impl GlbBuilder {
         if let Some(material) = self.material_of.get(name) {
             return *material;
         }
-        let [r, g, b] = color.map(crate::export::materials::linear);
+        let [r, g, b] = color.map(linear);
         let mut material = json!({
             "name": name,
             "pbrMetallicRoughness": {

@@ -45,7 +45,8 @@ pub struct Tile {
 impl Tile {
     /// Its name in files: depth, column from the west, row from the south.
     pub fn name(&self) -> String {
-        let axis = |from: u32| (0..16).map(|bit| (self.code >> (2 * bit + from) & 1) << bit).sum::<u32>();
+        let axis =
+            |from: u32| (0..16).map(|bit| (self.code >> (2 * bit + from) & 1) << bit).sum::<u32>();
         format!("{}_{}_{}", self.depth, axis(0), axis(1))
     }
 }
@@ -73,7 +74,8 @@ impl Plan {
         let side_m = (ground.high[0] - ground.low[0]).max(ground.high[1] - ground.low[1]).max(1.0);
         let count = scene.instances.len();
         let is_fine = |depth: &u32| {
-            count >> (2 * depth) <= LEAF_INSTANCES && side_m / (1_u32 << depth) as f32 <= LEAF_SIDE_M
+            count >> (2 * depth) <= LEAF_INSTANCES
+                && side_m / (1_u32 << depth) as f32 <= LEAF_SIDE_M
         };
         let depth = DEPTHS.clone().find(is_fine).unwrap_or(*DEPTHS.end());
         let cells = 1_u32 << depth;
@@ -87,7 +89,9 @@ impl Plan {
         let mut entries: Vec<Entry> = (0_u32..)
             .zip(groups)
             .flat_map(|(group, of)| {
-                (0_u32..).zip(&of.position_m).map(move |(instance, place)| (group, instance, *place))
+                (0_u32..)
+                    .zip(&of.position_m)
+                    .map(move |(instance, place)| (group, instance, *place))
             })
             .map(|(group, instance, place)| Entry { leaf: leaf(place), group, instance })
             .collect();
@@ -125,7 +129,10 @@ impl Plan {
                     let group = &scene.instances.groups[entry.group as usize];
                     models[group.archetype].of_instance(group, entry.instance as usize)
                 };
-                self.entries[tile.first..tile.end].iter().map(around).fold(Bounds::EMPTY, Bounds::union)
+                self.entries[tile.first..tile.end]
+                    .iter()
+                    .map(around)
+                    .fold(Bounds::EMPTY, Bounds::union)
             })
             .collect();
         let leaves = tiles.len() - leaf_bounds.len();
@@ -187,7 +194,9 @@ fn is_shown(scene: &Scene3d<'_>, entry: &Entry, lod: Lod) -> bool {
         (Lod::Near, _) => true,
         (Lod::Middle, FeatureTable::Plants) => scene.plants.height_m[row] >= MIDDLE_LEAST_M,
         (Lod::Middle, FeatureTable::Snags) => scene.snags.height_m[row] >= MIDDLE_LEAST_M,
-        (Lod::Middle, FeatureTable::DownedLogs) => scene.downed_logs.length_m[row] >= MIDDLE_LEAST_M,
+        (Lod::Middle, FeatureTable::DownedLogs) => {
+            scene.downed_logs.length_m[row] >= MIDDLE_LEAST_M
+        }
         (Lod::Far, FeatureTable::Plants) => scene.plants.layer[row] == Layer::Canopy,
         (Lod::Far, FeatureTable::Snags) => scene.snags.height_m[row] >= FAR_SNAG_LEAST_M,
         (Lod::Far, FeatureTable::DownedLogs) => false,
@@ -214,7 +223,10 @@ mod tests {
         for tile in &plan.tiles {
             let children: Vec<&Tile> = plan.children(tile).collect();
             if tile.depth < plan.depth {
-                assert_eq!(children.iter().map(|c| c.end - c.first).sum::<usize>(), tile.end - tile.first);
+                assert_eq!(
+                    children.iter().map(|c| c.end - c.first).sum::<usize>(),
+                    tile.end - tile.first
+                );
             }
             for child in children {
                 let both = tile.bounds.union(child.bounds);
@@ -223,7 +235,8 @@ mod tests {
             for entry in &plan.entries[tile.first..tile.end] {
                 let group = &scene.instances.groups[entry.group as usize];
                 let archetype = &scene.instances.archetypes[group.archetype];
-                let around = Bounds::of_archetype(archetype).of_instance(group, entry.instance as usize);
+                let around =
+                    Bounds::of_archetype(archetype).of_instance(group, entry.instance as usize);
                 assert_eq!(tile.bounds.union(around), tile.bounds);
             }
         }
@@ -246,7 +259,8 @@ mod tests {
 
     #[test]
     fn names_tell_column_and_row() {
-        let tile = |code| Tile { depth: 2, code, lod: Lod::Near, bounds: Bounds::EMPTY, first: 0, end: 0 };
+        let tile =
+            |code| Tile { depth: 2, code, lod: Lod::Near, bounds: Bounds::EMPTY, first: 0, end: 0 };
         assert_eq!(tile(0b0110).name(), "2_2_1");
         assert_eq!(tile(spread(3) | spread(2) << 1).name(), "2_3_2");
     }
