@@ -29,6 +29,7 @@ use super::gltf::models::{ModelData, add_terrain, encode_model};
 use super::gltf::y_up;
 use super::instance_bounds::Bounds;
 use super::scene3d::{Lod, Scene3d, identifier};
+use crate::math;
 use crate::raster::{Crs, CrsError};
 
 /// Error of a tile of far models as a share of its side, of middle models, and of the ground alone.
@@ -50,15 +51,25 @@ impl Frame {
         self.globe.as_ref().map_or_else(|| map_m.map(f64::from), |globe| globe.place_m(map_m))
     }
 
-    /// Around a box that is bent: its corners' places. Sides that bulge do so by less than a millimetre a tile.
+    /// Around a box that is bent: around places on its floor and ceiling, near enough for the Earth not to bulge between them.
     fn bounds(&self, bounds: &Bounds) -> [[f64; 3]; 2] {
+        // chosen: 5 mm of bulge
+        const STEP_M: f32 = 500.0;
+        let steps = |k: usize| ((bounds.high[k] - bounds.low[k]) / STEP_M).ceil().max(1.0) as usize;
+        let (cols, rows) = (steps(0), steps(1));
+        let between = |k: usize, step: usize, steps: usize| {
+            math::lerp(bounds.low[k], bounds.high[k], step as f32 / steps as f32)
+        };
         let mut around = [[f64::MAX; 3], [f64::MIN; 3]];
-        for corner in 0..8_usize {
-            let side = |k: usize| if corner >> k & 1 == 0 { bounds.low[k] } else { bounds.high[k] };
-            let place = self.place_m([side(0), side(1), side(2)]);
-            for k in 0..3 {
-                around[0][k] = around[0][k].min(place[k]);
-                around[1][k] = around[1][k].max(place[k]);
+        for at in 0..(cols + 1) * (rows + 1) {
+            let x = between(0, at % (cols + 1), cols);
+            let y = between(1, at / (cols + 1), rows);
+            for z in [bounds.low[2], bounds.high[2]] {
+                let place = self.place_m([x, y, z]);
+                for k in 0..3 {
+                    around[0][k] = around[0][k].min(place[k]);
+                    around[1][k] = around[1][k].max(place[k]);
+                }
             }
         }
         around
@@ -93,10 +104,12 @@ pub fn write(folder: &Path, scene: &Scene3d<'_>) -> Result<(), WriteError> {
         write_terrain(folder, scene, &frame)?;
     }
     fs::create_dir_all(folder.join("tiles"))?;
-    plan.tiles
+    let has_content = plan
+        .tiles
         .par_iter()
-        .try_for_each(|tile| write_tile(folder, scene, &frame, &plan, &models, tile))?;
-    let tileset = tileset(scene, &frame, &plan, &all);
+        .map(|tile| write_tile(folder, scene, &frame, &plan, &models, tile))
+        .collect::<Result<Vec<bool>, _>>()?;
+    let tileset = Tileset { scene, frame: &frame, plan: &plan, has_content }.json(&all);
     fs::write(folder.join("tileset.json"), format!("{tileset:#}\n"))?;
     Ok(())
 }
@@ -145,6 +158,7 @@ fn middle_m(frame: &Frame, tile: &Tile) -> [f64; 3] {
     frame.place_m(std::array::from_fn(|k| 0.5 * (bounds.low[k] + bounds.high[k])))
 }
 
+/// Writes what a tile shows; gives whether it shows anything.
 fn write_tile(
     folder: &Path,
     scene: &Scene3d<'_>,
@@ -152,10 +166,10 @@ fn write_tile(
     plan: &Plan,
     models: &Models,
     tile: &Tile,
-) -> Result<(), WriteError> {
+) -> Result<bool, WriteError> {
     let shown = plan.shown(scene, tile);
     if shown.is_empty() {
-        return Ok(());
+        return Ok(false);
     }
     let middle = middle_m(frame, tile);
     let place = |at: [f32; 3]| {
@@ -179,84 +193,91 @@ fn write_tile(
     }
     features.write(&mut glb, scene);
     glb.set_root(&tile.name(), &y_up([0.0; 3]), &nodes);
-    save(glb, &folder.join("tiles").join(format!("{}.glb", tile.name())))
+    save(glb, &folder.join("tiles").join(format!("{}.glb", tile.name())))?;
+    Ok(true)
 }
 
 /// `box` of a bounding volume: its middle and half its sides, from `from`.
 fn bounding_box([low, high]: [[f64; 3]; 2], from: [f64; 3]) -> Value {
-    // chosen: a centimetre of room, more than single precision takes from places
-    const ROOM_M: f64 = 0.01;
+    // chosen: room for what single precision takes from places, and for bulges
+    const ROOM_M: f64 = 0.02;
     let middle: [f64; 3] = std::array::from_fn(|k| 0.5 * (low[k] + high[k]) - from[k]);
     let half: [f64; 3] = std::array::from_fn(|k| 0.5 * (high[k] - low[k]) + ROOM_M);
     let mut sides = middle.to_vec();
-    for k in 0..3 {
-        sides.extend((0..3).map(|axis| if axis == k { half[k] } else { 0.0 }));
+    for (k, half_m) in half.into_iter().enumerate() {
+        sides.extend((0..3).map(|axis| if axis == k { half_m } else { 0.0 }));
     }
     json!({ "box": sides })
 }
 
-/// A tile with its children, `parent_m` its parent's middle.
-fn tile_json(
-    scene: &Scene3d<'_>,
-    frame: &Frame,
-    plan: &Plan,
-    tile: &Tile,
-    parent_m: [f64; 3],
-) -> Value {
-    let middle = middle_m(frame, tile);
-    let mut matrix = NO_TURN;
-    (0..3).for_each(|k| matrix[12 + k] = middle[k] - parent_m[k]);
-    let side_m = plan.side_m(tile.depth);
-    let error_m = match tile.lod {
-        Lod::Near => 0.0,
-        Lod::Middle => side_m * MIDDLE_ERROR_FRACTION,
-        Lod::Far => side_m * FAR_ERROR_FRACTION,
-    };
-    let mut json = json!({
-        "transform": matrix,
-        "boundingVolume": bounding_box(frame.bounds(&tile.bounds), middle),
-        "geometricError": error_m,
-        "refine": "REPLACE",
-    });
-    if !plan.shown(scene, tile).is_empty() {
-        json["content"] = json!({ "uri": format!("tiles/{}.glb", tile.name()) });
-    }
-    let children: Vec<Value> =
-        plan.children(tile).map(|child| tile_json(scene, frame, plan, child, middle)).collect();
-    if !children.is_empty() {
-        json["children"] = Value::Array(children);
-    }
-    json
+/// What `tileset.json` tells.
+struct Tileset<'a> {
+    scene: &'a Scene3d<'a>,
+    frame: &'a Frame,
+    plan: &'a Plan,
+    /// Whether tiles show anything, in the plan's order.
+    has_content: Vec<bool>,
 }
 
-fn tileset(scene: &Scene3d<'_>, frame: &Frame, plan: &Plan, all: &Bounds) -> Value {
-    let side_m = plan.side_m(0).max(1.0);
-    let mut root = json!({
-        "boundingVolume": bounding_box(frame.bounds(all), [0.0; 3]),
-        "geometricError": side_m * GROUND_ERROR_FRACTION,
-        "refine": "ADD",
-    });
-    if let Some(globe) = &frame.globe {
-        root["transform"] = json!(globe.root());
+impl Tileset<'_> {
+    /// A tile with its children, `parent_m` its parent's middle.
+    fn tile(&self, place: usize, tile: &Tile, parent_m: [f64; 3]) -> Value {
+        let middle = middle_m(self.frame, tile);
+        let mut matrix = NO_TURN;
+        (0..3).for_each(|k| matrix[12 + k] = middle[k] - parent_m[k]);
+        let side_m = self.plan.side_m(tile.depth);
+        let error_m = match tile.lod {
+            Lod::Near => 0.0,
+            Lod::Middle => side_m * MIDDLE_ERROR_FRACTION,
+            Lod::Far => side_m * FAR_ERROR_FRACTION,
+        };
+        let mut json = json!({
+            "transform": matrix,
+            "boundingVolume": bounding_box(self.frame.bounds(&tile.bounds), middle),
+            "geometricError": error_m,
+            "refine": "REPLACE",
+        });
+        if self.has_content[place] {
+            json["content"] = json!({ "uri": format!("tiles/{}.glb", tile.name()) });
+        }
+        let children = self.plan.children(tile);
+        let children: Vec<Value> =
+            children.map(|(place, child)| self.tile(place, child, middle)).collect();
+        if !children.is_empty() {
+            json["children"] = Value::Array(children);
+        }
+        json
     }
-    if !scene.terrain.triangles.is_empty() {
-        root["content"] = json!({ "uri": "terrain.glb" });
-    }
-    if let Some(tile) = plan.root() {
-        root["children"] = json!([tile_json(scene, frame, plan, tile, [0.0; 3])]);
-    }
-    json!({
-        "asset": {
-            "version": "1.1",
-            "extras": {
-                "generator": concat!("wildwood ", env!("CARGO_PKG_VERSION")),
-                "crs": scene.crs.to_string(),
-                "heights": "elevations of the scene, taken as heights above the WGS 84 ellipsoid",
+
+    fn json(&self, all: &Bounds) -> Value {
+        let side_m = self.plan.side_m(0).max(1.0);
+        let mut root = json!({
+            "boundingVolume": bounding_box(self.frame.bounds(all), [0.0; 3]),
+            "geometricError": side_m * GROUND_ERROR_FRACTION,
+            "refine": "ADD",
+        });
+        if let Some(globe) = &self.frame.globe {
+            root["transform"] = json!(globe.root());
+        }
+        if !self.scene.terrain.triangles.is_empty() {
+            root["content"] = json!({ "uri": "terrain.glb" });
+        }
+        if let Some(tile) = self.plan.root() {
+            root["children"] = json!([self.tile(0, tile, [0.0; 3])]);
+        }
+        json!({
+            "asset": {
+                "version": "1.1",
+                "extras": {
+                    "generator": concat!("wildwood ", env!("CARGO_PKG_VERSION")),
+                    "crs": self.scene.crs.to_string(),
+                    "heights": "elevations of the scene, taken as heights above the WGS 84 ellipsoid",
+                },
             },
-        },
-        "geometricError": 2.0 * side_m * GROUND_ERROR_FRACTION,
-        "root": root,
-    })
+            "geometricError": 2.0 * side_m * GROUND_ERROR_FRACTION,
+            "root": root,
+        })
+    }
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 
 use serde_json::{Value, json};
 
-use super::models::ModelData;
+use super::models::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, ModelData};
 use crate::export::WriteError;
 use crate::export::materials::{linear, material_name};
 use crate::species::Biome;
@@ -97,6 +97,12 @@ impl GlbBuilder {
         self.accessors[accessor][key] = value;
     }
 
+    /// Says what the view of an accessor is for.
+    pub fn set_target(&mut self, accessor: usize, target: u32) {
+        let view = self.accessors[accessor]["bufferView"].as_u64().unwrap_or_default() as usize;
+        self.views[view]["target"] = target.into();
+    }
+
     /// Adds a model whose bytes are part of the file; gives its mesh.
     pub fn embed_model(
         &mut self,
@@ -132,8 +138,6 @@ impl GlbBuilder {
     ) -> usize {
         let mut primitives = Vec::new();
         for part in &model.parts {
-            const ARRAY_BUFFER: u32 = 34962;
-            const ELEMENT_ARRAY_BUFFER: u32 = 34963;
             let [first, second, third] = [part.positions_at, part.normals_at, part.indices_at];
             let lengths = [second - first, third - second, part.end_at - third];
             let targets = [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER];

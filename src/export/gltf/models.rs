@@ -9,6 +9,11 @@ use crate::export::scene3d::{Lod, Scene3d};
 use crate::tree::archetype::Archetype;
 use crate::tree::mesh::{Material, Mesh};
 
+/// glTF's numbers of what a view is for.
+pub const ARRAY_BUFFER: u32 = 34962;
+/// The same of indices.
+pub const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+
 /// A model's bytes, and where in them its parts lie.
 pub struct ModelData {
     /// Vertices and indices.
@@ -106,11 +111,13 @@ pub fn add_terrain(
     glb.set_accessor(positions, "min", json!(bounds.low));
     glb.set_accessor(positions, "max", json!(bounds.high));
     let normals = glb.floats(terrain.normal.iter().copied());
+    [positions, normals].iter().for_each(|accessor| glb.set_target(*accessor, ARRAY_BUFFER));
     let mut index = Component::U32;
     let view = glb.view(|bin| {
         index = push_indices(bin, &terrain.triangles, terrain.position_m.len());
     });
     let indices = glb.accessor(view, 0, index, "SCALAR", 3 * terrain.triangles.len());
+    glb.set_target(indices, ELEMENT_ARRAY_BUFFER);
     let material = glb.named_material("ground", GROUND_SRGB, false);
     let primitive = json!({
         "attributes": { "POSITION": positions, "NORMAL": normals },

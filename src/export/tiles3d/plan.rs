@@ -137,9 +137,10 @@ impl Plan {
             .collect();
         let leaves = tiles.len() - leaf_bounds.len();
         for (leaf, bounds) in leaf_bounds.iter().enumerate() {
-            let first = tiles[leaves + leaf].first;
-            for tile in tiles.iter_mut().filter(|tile| (tile.first..tile.end).contains(&first)) {
-                tile.bounds = tile.bounds.union(*bounds);
+            let code = tiles[leaves + leaf].code;
+            for depth in 0..=self.depth {
+                let at = place_of(&tiles, depth, code >> (2 * (self.depth - depth)));
+                tiles[at].bounds = tiles[at].bounds.union(*bounds);
             }
         }
         tiles
@@ -150,10 +151,12 @@ impl Plan {
         self.tiles.first()
     }
 
-    /// Tiles one step below.
-    pub fn children(&self, tile: &Tile) -> impl Iterator<Item = &Tile> {
+    /// Tiles one step below, and their places among all tiles.
+    pub fn children(&self, tile: &Tile) -> impl Iterator<Item = (usize, &Tile)> {
         let (depth, code) = (tile.depth + 1, tile.code);
-        self.tiles.iter().filter(move |other| other.depth == depth && other.code >> 2 == code)
+        let first = place_of(&self.tiles, depth, code << 2);
+        let is_child = move |other: &Tile| other.depth == depth && other.code >> 2 == code;
+        (first..).zip(&self.tiles[first..]).take_while(move |(_, other)| is_child(other))
     }
 
     /// Side of the square of tiles of a depth.
@@ -184,6 +187,11 @@ impl Plan {
         }
         used
     }
+}
+
+/// Where a tile of a depth and code stands among tiles, or would stand.
+fn place_of(tiles: &[Tile], depth: u32, code: u32) -> usize {
+    tiles.partition_point(|tile| (tile.depth, tile.code) < (depth, code))
 }
 
 /// Whether a level of detail shows an instance.
@@ -221,7 +229,7 @@ mod tests {
         let root = plan.root().unwrap();
         assert_eq!((root.first, root.end, root.lod), (0, 840, Lod::Far));
         for tile in &plan.tiles {
-            let children: Vec<&Tile> = plan.children(tile).collect();
+            let children: Vec<&Tile> = plan.children(tile).map(|(_, child)| child).collect();
             if tile.depth < plan.depth {
                 assert_eq!(
                     children.iter().map(|c| c.end - c.first).sum::<usize>(),
