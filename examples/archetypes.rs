@@ -66,10 +66,12 @@ fn main() -> Result<(), Box<dyn Error>> {
             let [sx, sy, sz] = fitting.scale;
             let lies = archetype.key.contains("downed");
             let wide_m = if lies { sx + sy } else { 2.1 * sx };
-            let high_m = if lies { 4.0 * sz } else { 1.05 * sz + 0.3 * sx };
+            // stumps are not blown up to the size of trees
+            let high_m = if lies { 4.0 * sz } else { (1.05 * sz + 0.3 * sx).max(3.5 * sx.min(sz)) };
             let field = Field {
                 left: (column * field_px) as f32,
-                bottom: (row * field_px + field_px) as f32 - 0.06 * field_px as f32,
+                bottom: ((row + 1) * field_px) as f32
+                    - if lies { 0.4 } else { 0.06 } * field_px as f32,
                 px_per_m: 0.9 * field_px as f32 / wide_m.max(high_m),
                 middle_m: if lies { 0.5 * sx } else { 0.0 },
             };
@@ -125,9 +127,9 @@ fn fittings(atlas: &LowPolyAtlas<'_>, index: u16, species: &Species) -> Vec<Fitt
         atlas.downed_log(&DownedLogMeasures {
             species: index,
             kind,
-            length_m: 12.0 * diameter_base_m,
+            length_m: 7.0 * diameter_base_m,
             diameter_base_m,
-            diameter_tip_m: 0.5 * diameter_base_m,
+            diameter_tip_m: 0.7 * diameter_base_m,
             decay_class,
             variety: u32::from(decay_class),
         })

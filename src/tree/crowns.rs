@@ -5,13 +5,14 @@ use std::f32::consts::TAU;
 use super::habit::{CrownStyle, Habit};
 use super::mesh::{Material, Mesh};
 use super::outline::half_width;
-use super::sculptor::{Clump, Dice, Knot, Lathe, Sculptor, Skirt, along, level};
+use super::sculptor::{Clump, Dice, GOLDEN_RAD, Knot, Lathe, Sculptor, Skirt, along, level};
 use super::stem::{Stem, class_ratio};
 use crate::math;
 use crate::species::Species;
 
-/// The golden angle: turns by it never meet.
-const GOLDEN_RAD: f32 = 2.399_963;
+/// Most clumps of a crown, and sprays of leaves on each.
+const MOST_CLUMPS: usize = 14;
+const SPRAYS: usize = 9;
 /// Stems of a shrub, by level of detail.
 const SHRUB_STEMS: [usize; 3] = [5, 3, 1];
 
@@ -134,7 +135,7 @@ pub fn shrub(species: &Species, build: &Build, dice: &mut Dice, detail: usize) -
             Stem {
                 height_m: build.height_m,
                 diameter_m: build.dbh_m / (count as f32).sqrt(),
-                end_fraction: dice.between(0.6, 0.8),
+                end_fraction: dice.between(0.75, 0.86),
                 is_broken: false,
                 foot_m: [foot * out[0], foot * out[1]],
                 bend_m: [0.1 * reach * out[0], 0.1 * reach * out[1]],
@@ -144,7 +145,7 @@ pub fn shrub(species: &Species, build: &Build, dice: &mut Dice, detail: usize) -
         .collect();
     for stem in &stems {
         let sides = if detail == 0 { 4 } else { 3 };
-        let knots = stem.knots(if detail == 0 { 1 } else { 2 });
+        let knots = stem.knots(if detail == 0 { 0 } else { 2 });
         sculptor.tube(Material::Bark, &knots, sides, true);
     }
     crown(&mut sculptor, species, &habit, build, &stems, dice, detail);
@@ -186,18 +187,21 @@ fn tiers(
     dice: &mut Dice,
     detail: usize,
 ) {
-    let CrownStyle::Tiers { droop, notch, thickness, roundness } = *style else { return };
+    let CrownStyle::Tiers { droop, notch, thickness, roundness, raggedness } = *style else {
+        return;
+    };
     let (base_m, crown_m, radius_m) = (build.base_m(), build.crown_m(), build.radius_m);
     let is_low = build.height_m < 2.0;
-    let near = (crown_m / (0.5 * radius_m)).round().clamp(9.0, 19.0) as usize; // within bounds
+    let near = (crown_m / (0.5 * radius_m)).round().clamp(9.0, 17.0) as usize; // within bounds
     let count = [if is_low { 7 } else { near }, 4, 2][detail];
-    let tips = [8, 9, 5][detail];
+    let tips = [10, 9, 5][detail];
     let gap_m = crown_m / count as f32;
     for tier in 0..count {
         let t = (tier as f32 + 0.15) / count as f32;
         let shade = if t < 0.1 { 0.8 + 2.0 * t } else { 1.0 };
         let reach = radius_m * math::powf(1.0 - t, roundness) * shade;
-        let reach = reach * if detail == 0 { dice.between(0.88, 1.06) } else { 1.0 };
+        let reach =
+            reach * if detail == 0 { dice.between(1.0 - 0.5 * raggedness, 1.0) } else { 1.0 };
         let middle_m = base_m + t * crown_m + (droop * reach).max(0.0).min(0.6 * gap_m);
         let is_top = tier + 1 == count;
         let top_m = if is_top { build.height_m } else { middle_m + thickness * gap_m };
@@ -210,8 +214,9 @@ fn tiers(
                 rim_m,
                 under_m: rim_m + 0.35 * (middle_m - rim_m) + 0.1 * gap_m,
                 radius_m: reach,
-                tips: if detail == 0 && t > 0.8 { 5 } else { tips },
+                tips: if detail == 0 && t > 0.75 { 6 } else { tips },
                 notch: if detail == 0 { notch } else { 0.0 },
+                raggedness,
             },
             dice,
         );
@@ -247,11 +252,16 @@ fn clumps(
 ) {
     let CrownStyle::Clumps { count, size, flatness, looseness } = *style else { return };
     let is_low = build.height_m < 2.0;
-    let count = if is_low { count.min(9) } else { count };
+    let count = count.min(match stems.len() {
+        _ if is_low => 7,
+        1 => MOST_CLUMPS,
+        _ => 11,
+    });
     let (base_m, crown_m, radius_m) = (build.base_m(), build.crown_m(), build.radius_m);
     let shape = species.crown.shape;
     // long crowns have long clumps, so that no gaps gape
     let slender = (crown_m / radius_m / 2.4).max(1.0);
+    let fuller = 1.0 + 0.35 * (slender - 1.0).min(1.2) + if is_low { 0.2 } else { 0.0 };
     let heart = [0.0, 0.0, base_m + 0.4 * crown_m];
     let turn = dice.between(0.0, TAU);
     for i in 0..count {
@@ -260,21 +270,22 @@ fn clumps(
         let t = math::lerp(share, 0.5 + 0.5 * (share - 0.5), 0.25);
         let wide = half_width(shape, 0.1 + 0.8 * t).max(0.18);
         let grown = dice.between(0.8, 1.15) * size;
-        let radius = radius_m * grown * (0.55 + 0.45 * wide);
+        let radius = radius_m * grown * (0.55 + 0.45 * wide) * fuller;
         let room = (radius_m * wide - 0.75 * radius).max(0.0);
         let inner = 1.0 - looseness * dice.next() * 0.6;
         // the topmost clumps gather over the stem
         let reach = room * inner * if share > 0.93 { 0.25 } else { 1.0 };
         let out = level(turn + GOLDEN_RAD * i as f32);
-        let tall = (radius * flatness * slender).min(0.3 * crown_m);
+        let tall = (radius * flatness * slender).min(0.26 * crown_m);
         let height_m = base_m + tall * 0.8 + t * (crown_m - 1.7 * tall);
         let stem = &stems[i % stems.len()];
         let [x, y, _] = stem.axis((height_m / build.height_m).min(stem.end_fraction));
         let (x, y) = if stems.len() > 1 { (0.0, 0.0) } else { (x, y) };
         let middle = [x + reach * out[0], y + reach * out[1], height_m];
         let clump =
-            Clump { middle, radii: [radius, radius, tall], frequency: 2, unevenness: 0.16, heart };
+            Clump { middle, radii: [radius, radius, tall], frequency: 1, unevenness: 0.1, heart };
         sculptor.clump(&clump, dice);
+        sculptor.sprays(&clump, SPRAYS, dice);
         if !is_low {
             limb(sculptor, build, stem, middle, dice);
         }

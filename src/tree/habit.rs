@@ -18,6 +18,8 @@ pub enum CrownStyle {
         thickness: f32,
         /// Power of the distance from the top that reach grows with: 1 a cone, less a rounded top.
         roundness: f32,
+        /// How unequal branches are: the share that the shortest lack.
+        raggedness: f32,
     },
     /// Clumps of leaves at the ends of branches.
     Clumps {
@@ -47,10 +49,10 @@ pub struct Habit {
 
 /// Habits by genus, sRGB colours of bark and of leaves in summer. chosen: after photographs in floras.
 const GENERA: [(&str, Habit); 15] = [
-    ("Abies", tiered([0.12, 0.30, 0.95, 0.9], [112, 108, 100], [46, 74, 50])),
-    ("Pseudotsuga", tiered([0.34, 0.42, 1.15, 0.85], [92, 74, 60], [58, 82, 50])),
-    ("Sequoia", tiered([0.30, 0.48, 1.0, 0.55], [122, 74, 52], [54, 84, 48])),
-    ("Picea", tiered([0.45, 0.38, 1.1, 1.0], [104, 84, 72], [44, 68, 46])),
+    ("Abies", tiered([0.12, 0.34, 1.6, 0.9, 0.12], [112, 108, 100], [46, 74, 50])),
+    ("Pseudotsuga", tiered([0.45, 0.46, 1.7, 0.8, 0.3], [92, 74, 60], [58, 82, 50])),
+    ("Sequoia", tiered([0.22, 0.52, 0.95, 0.5, 0.5], [122, 74, 52], [54, 84, 48])),
+    ("Picea", tiered([0.5, 0.38, 1.5, 1.0, 0.15], [104, 84, 72], [44, 68, 46])),
     ("Pinus", clumped([13.0, 0.36, 0.5, 0.8, 0.02], [126, 90, 66], [70, 92, 58])),
     ("Fagus", clumped([17.0, 0.40, 0.72, 0.25, 0.005], [142, 142, 136], [84, 118, 48])),
     ("Quercus", clumped([15.0, 0.38, 0.66, 0.55, 0.03], [104, 94, 82], [78, 104, 48])),
@@ -65,11 +67,11 @@ const GENERA: [(&str, Habit); 15] = [
 ];
 
 const fn tiered(
-    [droop, notch, thickness, roundness]: [f32; 4],
+    [droop, notch, thickness, roundness, raggedness]: [f32; 5],
     bark_srgb: [u8; 3],
     foliage_srgb: [u8; 3],
 ) -> Habit {
-    let crown = CrownStyle::Tiers { droop, notch, thickness, roundness };
+    let crown = CrownStyle::Tiers { droop, notch, thickness, roundness, raggedness };
     Habit { crown, bark_srgb, foliage_srgb, crook: 0.0 }
 }
 
@@ -93,7 +95,7 @@ impl Habit {
         let green = super::color::leaf_green(species);
         match (species.leaf, species.crown.shape) {
             (Leaf::Needle, CrownShape::Cone | CrownShape::Cylinder) => {
-                tiered([0.25, 0.35, 1.0, 0.9], [108, 88, 72], green)
+                tiered([0.25, 0.35, 1.5, 0.9, 0.2], [108, 88, 72], green)
             }
             (Leaf::Needle, _) => clumped([13.0, 0.36, 0.6, 0.7, 0.02], [118, 90, 70], green),
             (Leaf::Broad, _) => clumped([15.0, 0.38, 0.75, 0.4, 0.02], [112, 102, 90], green),

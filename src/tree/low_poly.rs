@@ -310,7 +310,7 @@ impl Atlas for LowPolyAtlas<'_> {
             && snag.branch_fraction >= LEAST_BRANCH_FRACTION
             && species.form != Form::Herb;
         let (model, radius_m) = if has_branches {
-            let radius_m = species.crown_radius_m(at_death_m);
+            let radius_m = snags::REACH[decay] * species.crown_radius_m(at_death_m);
             let class = stem_class(snag.dbh_m, radius_m, fraction);
             (Model::BranchedSnag { decay, standing, class, variant }, radius_m)
         } else {
@@ -392,11 +392,306 @@ fn snag_shape(decay: usize, standing: usize) -> SnagShape {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tree::archetype::LEVELS;
+    use crate::tree::mesh::MeshPart;
+
+    fn biomes() -> [Biome; 2] {
+        Biome::BUILTIN_NAMES.map(|name| Biome::builtin(name).unwrap())
+    }
+
+    fn model_of(number: u32) -> Model {
+        Model::of_number(number as usize % MODELS_PER_SPECIES)
+    }
+
+    /// Some of all models: enough to see each kind in each class.
+    fn sample(biome: &Biome) -> impl Iterator<Item = (Model, Archetype)> {
+        let atlas = LowPolyAtlas::new(biome);
+        let numbers = (0..atlas.model_count() as u32).step_by(11);
+        let used = numbers.filter(move |number| {
+            let species = &biome.species[*number as usize / MODELS_PER_SPECIES];
+            match model_of(*number) {
+                Model::Low { .. } => true,
+                _ if species.form == Form::Herb => false,
+                Model::Shrub { .. } => is_shrub(species),
+                Model::Tree { .. } => !is_shrub(species),
+                _ => true,
+            }
+        });
+        used.map(move |number| (model_of(number), atlas.archetype(number)))
+    }
+
+    fn minus(a: [f32; 3], b: [f32; 3]) -> [f64; 3] {
+        std::array::from_fn(|k| f64::from(a[k]) - f64::from(b[k]))
+    }
+
+    fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    }
+
+    fn length(a: [f64; 3]) -> f64 {
+        a.iter().map(|v| v * v).sum::<f64>().sqrt()
+    }
+
+    /// The size that a model is made for, or one like it.
+    fn proportions(species: &Species, model: Model) -> [f32; 3] {
+        let of = |build: Build, standing: f32| {
+            [build.radius_m, build.radius_m, standing * build.height_m]
+        };
+        match model {
+            Model::Low { .. } => of(Build::low(species), 1.0),
+            Model::Shrub { class, .. } => of(Build::of_class(species, class, 0.5), 1.0),
+            Model::Tree { crowding, class, .. } => {
+                of(Build::of_class(species, class, CROWDING[crowding]), 1.0)
+            }
+            Model::BranchedSnag { standing, class, .. } => {
+                of(Build::of_class(species, class, 0.6), STANDING[standing])
+            }
+            Model::BareSnag { .. } => [1.0, 1.0, 4.0],
+            Model::DownedLog { .. } => [30.0, 1.0, 1.0],
+        }
+    }
+
+    /// Checks a part, stretched by factors; returns how many of its triangles face where their normals do.
+    fn check(part: &MeshPart, factors: [f32; 3], key: &str) -> usize {
+        assert_eq!(part.positions.len(), part.normals.len(), "{key}");
+        assert!(part.positions.iter().flatten().all(|v| v.is_finite()), "{key}");
+        for normal in &part.normals {
+            let long = length(normal.map(f64::from));
+            assert!((long - 1.0).abs() < 1e-3, "{key}: a normal of {long}");
+        }
+        let facing = part.triangles.iter().filter(|corners| {
+            let place = |c: u32, k: usize| factors[k] * part.positions[c as usize][k];
+            let at = corners.map(|c| [0, 1, 2].map(|k| place(c, k)));
+            let normal = cross(minus(at[1], at[0]), minus(at[2], at[0]));
+            let area = length(normal);
+            let sides = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| length(minus(at[i], at[j])));
+            let longest = sides.into_iter().fold(0.0, f64::max);
+            assert!(area > 1e-5 * longest * longest, "{key}: a triangle of {at:?}");
+            let mean: f64 = corners
+                .iter()
+                .map(|c| {
+                    let facing: [f32; 3] =
+                        std::array::from_fn(|k| part.normals[*c as usize][k] / factors[k]);
+                    let long = length(facing.map(f64::from));
+                    (0..3).map(|k| f64::from(facing[k]) * normal[k] / long).sum::<f64>()
+                })
+                .sum();
+            mean > 0.0
+        });
+        facing.count()
+    }
 
     #[test]
     fn numbers_and_models_are_each_others_inverse() {
         for number in 0..MODELS_PER_SPECIES {
             assert_eq!(Model::of_number(number).number(), number);
         }
+    }
+
+    #[test]
+    fn models_are_sound_and_face_outwards() {
+        for biome in biomes() {
+            for (model, archetype) in sample(&biome) {
+                let species = &biome.species[usize::from(archetype.species)];
+                let factors = proportions(species, model);
+                for mesh in &archetype.levels {
+                    let facing: usize =
+                        mesh.parts.iter().map(|p| check(p, factors, &archetype.key)).sum();
+                    let count = mesh.triangle_count();
+                    // normals of leaves stray
+                    assert!(100 * facing >= 96 * count, "{}: {facing} of {count}", archetype.key);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn triangles_are_as_many_as_the_table_says() {
+        for biome in biomes() {
+            for (model, archetype) in sample(&biome) {
+                let species = &biome.species[usize::from(archetype.species)];
+                let near = match model {
+                    Model::Tree { .. } => 300..=800,
+                    Model::Low { .. } if species.form == Form::Herb => 200..=400,
+                    Model::Low { .. } | Model::Shrub { .. } => 200..=800,
+                    Model::BranchedSnag { .. } | Model::BareSnag { .. } => 30..=600,
+                    Model::DownedLog { .. } => 90..=300,
+                };
+                let counts: [usize; LEVELS] =
+                    std::array::from_fn(|level| archetype.levels[level].triangle_count());
+                assert!(near.contains(&counts[0]), "{}: {counts:?}", archetype.key);
+                assert!(counts[1] <= 100 && counts[2] <= 24, "{}: {counts:?}", archetype.key);
+                assert!(counts[2] > 0, "{}", archetype.key);
+            }
+        }
+    }
+
+    #[test]
+    fn models_are_one_unit_large() {
+        for biome in biomes() {
+            for (model, archetype) in sample(&biome) {
+                for mesh in &archetype.levels {
+                    let key = &archetype.key;
+                    let places = || mesh.parts.iter().flat_map(|part| &part.positions);
+                    let most = |of: &dyn Fn(&[f32; 3]) -> f32| places().map(of).fold(0.0, f32::max);
+                    let (high, wide) =
+                        (most(&|p| p[2]), most(&|p| (p[0] * p[0] + p[1] * p[1]).sqrt()));
+                    match model {
+                        Model::DownedLog { .. } => {
+                            let (long, back) = (most(&|p| p[0]), most(&|p| -p[0]));
+                            assert!(
+                                (long - 1.0).abs() < 0.1 && back < 0.05,
+                                "{key}: {long} {back}"
+                            );
+                            assert!((0.2..2.3).contains(&high), "{key}: {high}");
+                        }
+                        Model::BareSnag { .. } => {
+                            assert!((high - 1.0).abs() < 0.01, "{key}: {high}");
+                            assert!((0.6..1.7).contains(&wide), "{key}: {wide}");
+                        }
+                        _ => {
+                            assert!((high - 1.0).abs() < 0.01, "{key}: {high}");
+                            assert!((wide - 1.0).abs() < 0.1, "{key}: {wide}");
+                            // stems of broken snags reach as deep as whole ones
+                            assert!(most(&|p| -p[2]) < 0.1, "{key}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Diameter of a circle as large as what the first triangles of wood and bark cut out of a height of a model.
+    fn drawn_diameter(mesh: &Mesh, height: f32, first: usize) -> f32 {
+        let mut area = 0.0;
+        for part in mesh.parts.iter().filter(|part| part.material != Material::Foliage) {
+            for corners in part.triangles.iter().take(first) {
+                let at = corners.map(|c| part.positions[c as usize]);
+                let mut cut: Vec<([f32; 2], bool)> = Vec::new();
+                for (a, b) in [(at[0], at[1]), (at[1], at[2]), (at[2], at[0])] {
+                    if (a[2] > height) != (b[2] > height) {
+                        let t = (height - a[2]) / (b[2] - a[2]);
+                        let place = [0, 1].map(|k| a[k] + t * (b[k] - a[k]));
+                        cut.push((place, b[2] > height));
+                    }
+                }
+                // seen from above, the outside is on the right of the cut's way
+                if let [(p, p_up), (q, _)] = cut[..] {
+                    let (from, to) = if p_up { (q, p) } else { (p, q) };
+                    area += 0.5 * (from[0] * to[1] - to[0] * from[1]);
+                }
+            }
+        }
+        2.0 * (area.abs() / std::f32::consts::PI).sqrt()
+    }
+
+    #[test]
+    fn stems_are_drawn_as_thick_as_they_are() {
+        let mut count = 0;
+        for biome in biomes() {
+            let atlas = LowPolyAtlas::new(&biome);
+            for (index, species) in (0..).zip(&biome.species).filter(|(_, s)| s.form != Form::Herb)
+            {
+                for (step, crowding_fraction) in (1..=8).flat_map(|s| [(s, 0.0), (s, 1.0)]) {
+                    let height_m = species.max_height_m * step as f32 / 10.0;
+                    let dbh_m = species.dbh_in_shade_m(height_m, crowding_fraction);
+                    let crown_radius_m = species
+                        .crown_radius_in_shade_m(height_m, crowding_fraction)
+                        * [0.7, 1.0, 1.3][step % 3];
+                    if height_m < LOW_M {
+                        continue;
+                    }
+                    let variety = step as u32;
+                    let fitting = atlas.plant(&PlantMeasures {
+                        species: index,
+                        height_m,
+                        crown_radius_m,
+                        dbh_m,
+                        crowding_fraction,
+                        variety,
+                    });
+                    let archetype = atlas.archetype(fitting.model);
+                    let at = stem::breast_fraction(height_m);
+                    // limbs come after the stem, or the stems of a shrub
+                    let first = if is_shrub(species) { 5 * 44 } else { 77 };
+                    let drawn_m =
+                        fitting.scale[0] * drawn_diameter(&archetype.levels[0], at, first);
+                    let share = drawn_m / dbh_m;
+                    assert!((0.85..=1.15).contains(&share), "{}: {share}", archetype.key);
+                    count += 1;
+                }
+            }
+        }
+        assert!(count > 200, "{count}");
+    }
+
+    #[test]
+    fn dead_stems_are_drawn_as_thick_as_they_are() {
+        let biome = Biome::builtin("pyrenees").unwrap();
+        let atlas = LowPolyAtlas::new(&biome);
+        let species = biome.species_index("silver-fir").unwrap();
+        for decay_class in 1..=5 {
+            for standing in [1.0, 0.9, 0.7, 0.5, 0.3, 0.2] {
+                let (height_at_death_m, dbh_m) = (30.0, 0.5);
+                let fitting = atlas.snag(&SnagMeasures {
+                    species: species as u16,
+                    height_m: standing * height_at_death_m,
+                    height_at_death_m,
+                    dbh_m,
+                    decay_class,
+                    branch_fraction: 1.0,
+                    variety: 1,
+                });
+                let archetype = atlas.archetype(fitting.model);
+                let at = BREAST_HEIGHT_M / (standing * height_at_death_m);
+                let drawn_m =
+                    fitting.scale[0] * drawn_diameter(&archetype.levels[0], at, usize::MAX);
+                let share = drawn_m / dbh_m;
+                assert!((0.85..=1.15).contains(&share), "{}: {share}", archetype.key);
+            }
+        }
+    }
+
+    #[test]
+    fn thin_ends_of_downed_logs_are_within_a_tenth_of_the_thick_end() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let atlas = LowPolyAtlas::new(&biome);
+        for step in 0..=20 {
+            let share = step as f32 / 20.0;
+            let fitting = atlas.downed_log(&DownedLogMeasures {
+                species: 15,
+                kind: DownedLogKind::Trunk,
+                length_m: 20.0,
+                diameter_base_m: 0.8,
+                diameter_tip_m: 0.8 * share,
+                decay_class: 2,
+                variety: 0,
+            });
+            assert_eq!(fitting.scale, [20.0, 0.8, 0.8]);
+            let Model::DownedLog { tip, .. } = model_of(fitting.model) else { panic!("no log") };
+            assert!((tip_fraction(tip) - share).abs() <= 0.1001, "{share}");
+        }
+    }
+
+    #[test]
+    fn forms_follow_species_and_size() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let atlas = LowPolyAtlas::new(&biome);
+        let key = |name: &str, height_m: f32, crowding_fraction: f32| {
+            let fitting = atlas.plant(&PlantMeasures {
+                species: biome.species_index(name).unwrap() as u16,
+                height_m,
+                crown_radius_m: 0.3 * height_m,
+                dbh_m: 0.01 * height_m,
+                crowding_fraction,
+                variety: 1,
+            });
+            atlas.archetype(fitting.model).key
+        };
+        assert_eq!(key("western-swordfern", 0.8, 1.0), "western-swordfern.low.b");
+        assert_eq!(key("redwood", 1.0, 1.0), "redwood.low.b");
+        assert_eq!(key("redwood", 30.0, 0.9), "redwood.tree.forest.s6.b");
+        assert_eq!(key("tanoak", 15.0, 0.1), "tanoak.tree.open.s7.b");
+        assert_eq!(key("toyon", 3.0, 0.1), "toyon.shrub.s8.b");
     }
 }

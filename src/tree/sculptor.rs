@@ -84,6 +84,13 @@ impl Dice {
     }
 }
 
+/// The golden angle: turns by it never meet.
+pub const GOLDEN_RAD: f32 = 2.399_963;
+/// How far sprays turn off their clump's surface.
+const SPRAY_TILT: f32 = 0.55;
+/// How far normals of leaves stray from their clump's. chosen: mottled as seen from some metres, not noisy.
+const STRAY: f32 = 0.3;
+
 #[derive(Clone, Debug, Default)]
 struct Surface {
     positions: Vec<Vector>,
@@ -218,6 +225,9 @@ impl Sculptor {
                 // between the clump's own roundness and the crown's
                 let own = unit(std::array::from_fn(|k| direction[k] / radii[k]));
                 let normal = along(own, 0.45, unit(from_to(heart, place)));
+                // leaves face all ways: light is mottled
+                let stray = std::array::from_fn(|_| dice.between(-1.0, 1.0));
+                let normal = along(normal, STRAY, stray);
                 self.vertex(Material::Foliage, place, normal)
             })
             .collect();
@@ -226,19 +236,62 @@ impl Sculptor {
         }
     }
 
+    /// Strews sprays over a clump: kites with two sides, that stand off it a little to all sides.
+    pub fn sprays(&mut self, clump: &Clump, count: usize, dice: &mut Dice) {
+        let Clump { middle, radii, heart, .. } = *clump;
+        let turn = dice.between(0.0, TAU);
+        for i in 0..count {
+            // evenly over the sphere, less of its underside
+            let up = 1.0 - 1.7 * (i as f32 + 0.5) / count as f32;
+            let flat = (1.0 - up * up).max(0.0).sqrt();
+            let around = level(turn + GOLDEN_RAD * i as f32);
+            let direction = [flat * around[0], flat * around[1], up];
+            let far = dice.between(0.8, 1.02);
+            let place: Vector = std::array::from_fn(|k| middle[k] + far * radii[k] * direction[k]);
+            let crown = unit(from_to(heart, place));
+            let own = unit(std::array::from_fn(|k| direction[k] / radii[k]));
+            let stray: Vector = std::array::from_fn(|_| dice.between(-1.0, 1.0));
+            let facing = unit(along(along(own, 0.35, crown), SPRAY_TILT, stray));
+            let [u, v] = square_to(facing);
+            let angle = dice.between(0.0, TAU);
+            let (c, s) = (math::cos(angle), math::sin(angle));
+            let size = 0.43 * (radii[0] + radii[2]) * dice.between(0.8, 1.15);
+            let at = |a: f32, b: f32| -> Vector {
+                let (x, y) = (a * c - b * s, a * s + b * c);
+                std::array::from_fn(|k| place[k] + size * (x * u[k] + y * v[k]))
+            };
+            let kite = [at(-0.62, 0.0), at(0.1, -0.45), at(0.85, 0.0), at(0.1, 0.45)];
+            let light = unit(along(along(own, 0.6, crown), STRAY, stray));
+            let material = Material::Foliage;
+            let front = kite.map(|p| self.vertex(material, p, light));
+            self.triangle(material, [front[0], front[1], front[2]]);
+            self.triangle(material, [front[0], front[2], front[3]]);
+            let back = kite.map(|p| self.vertex(material, p, along(light, -1.4, facing)));
+            self.triangle(material, [back[0], back[2], back[1]]);
+            self.triangle(material, [back[0], back[3], back[2]]);
+        }
+    }
+
     /// Adds a skirt of branches around the stem: from a point on the axis down to a rim of uneven tips, closed below.
     pub fn skirt(&mut self, skirt: &Skirt, dice: &mut Dice) {
-        let Skirt { axis, top_m, rim_m, under_m, radius_m, tips, notch } = *skirt;
+        let Skirt { axis, top_m, rim_m, under_m, radius_m, tips, notch, raggedness } = *skirt;
         let count = if notch > 0.0 { 2 * tips } else { tips };
         let turn = dice.between(0.0, TAU);
         let rim: Vec<Vector> = (0..count)
             .map(|i| {
                 let is_tip = notch <= 0.0 || i % 2 == 0;
-                let reach = if is_tip { dice.between(0.86, 1.0) } else { 1.0 - notch };
+                let reach = if notch <= 0.0 {
+                    1.0
+                } else if is_tip {
+                    dice.between(1.0 - raggedness, 1.0)
+                } else {
+                    1.0 - notch
+                };
                 let wobble = if notch > 0.0 { dice.between(-0.12, 0.12) } else { 0.0 };
                 let angle = turn + TAU * (i as f32 + wobble) / count as f32;
                 // notches lie higher: branches hang
-                let height = if is_tip { rim_m } else { math::lerp(rim_m, top_m, 0.25) };
+                let lift = if is_tip { 0.3 * raggedness * dice.next() } else { 0.3 };
+                let height = math::lerp(rim_m, top_m, lift);
                 let out = level(angle);
                 [axis[0] + reach * radius_m * out[0], axis[1] + reach * radius_m * out[1], height]
             })
@@ -269,13 +322,22 @@ impl Sculptor {
                 i.checked_sub(1).map_or((low_m, 0.0), |j| rings[j]),
                 rings.get(i + 1).copied().unwrap_or((high_m, 0.0)),
             );
-            let facing = (low.1 - high.1) / (high.0 - low.0).max(1e-6);
+            // half-way between how the surfaces below and above face: out and up
+            let faces = |a: (f32, f32), b: (f32, f32)| {
+                let (rise, narrowing) = (b.0 - a.0, a.1 - b.1);
+                let long = (rise * rise + narrowing * narrowing).sqrt().max(1e-9);
+                [rise / long, narrowing / long]
+            };
+            let (below, above) =
+                (faces(low, (height_m, radius_m)), faces((height_m, radius_m), high));
+            let [outward, upward] = [0, 1].map(|k| below[k] + above[k]);
             let ring: Vec<u32> = (0..sides)
                 .map(|side| {
-                    let out = level(TAU * (side as f32 + 0.5 * (i % 2) as f32) / sides as f32);
+                    // each ring turned back by half a corner, as bands cut their squares
+                    let out = level(TAU * (side as f32 - 0.5 * i as f32) / sides as f32);
                     let reach = radius_m * (1.0 + unevenness * dice.between(-1.0, 1.0));
                     let place = [axis[0] + reach * out[0], axis[1] + reach * out[1], height_m];
-                    self.vertex(material, place, along(out, facing, [0.0, 0.0, 1.0]))
+                    self.vertex(material, place, [outward * out[0], outward * out[1], upward])
                 })
                 .collect();
             self.band(material, &before, &ring);
@@ -292,43 +354,14 @@ impl Sculptor {
         }
     }
 
-    /// Moves everything beyond a distance from the axis in to it, and what reaches farthest out to it, in proportion.
-    pub fn fit_reach(&mut self, radius_m: f32) {
-        let away = |[x, y, _]: &Vector| (x * x + y * y).sqrt();
-        let places = self.surfaces.iter().flat_map(|s| &s.positions);
-        let wide = places.map(away).fold(0.0, f32::max);
-        if wide <= 0.0 {
-            return;
-        }
-        for surface in &mut self.surfaces {
-            for place in &mut surface.positions {
-                let share = away(place) / wide;
-                // the stem near the axis stays as it is
-                let factor =
-                    math::lerp(1.0, radius_m / wide, math::smoothstep((share - 0.2) / 0.6));
-                place[0] *= factor;
-                place[1] *= factor;
-            }
-        }
-    }
-
     /// Stretches leaves, so that their greatest distance from the axis and their top are as given.
     pub fn fit_foliage(&mut self, radius_m: f32, height_m: f32) {
-        self.fit(&[Material::Foliage], radius_m, height_m);
-    }
-
-    /// Stretches some materials, so that their greatest distance from the axis and their top are as given.
-    pub fn fit(&mut self, materials: &[Material], radius_m: f32, height_m: f32) {
-        let places =
-            || materials.iter().flat_map(|m| self.surfaces[*m as usize].positions.iter().copied());
+        let surface = self.surface(Material::Foliage);
+        let places = || surface.positions.iter();
         let wide = places().map(|[x, y, _]| (x * x + y * y).sqrt()).fold(0.0, f32::max);
         let high = places().map(|p| p[2]).fold(0.0, f32::max);
-        if wide <= 0.0 || high <= 0.0 {
-            return;
-        }
-        let factors = [radius_m / wide, radius_m / wide, height_m / high];
-        for material in materials {
-            self.surface(*material).stretch(factors);
+        if wide > 0.0 && high > 0.0 {
+            surface.stretch([radius_m / wide, radius_m / wide, height_m / high]);
         }
     }
 
@@ -391,6 +424,8 @@ pub struct Skirt {
     pub tips: usize,
     /// How deep the rim is cut between tips, as a share of the reach; 0 for a plain rim.
     pub notch: f32,
+    /// How unequal its tips are: the share that the shortest lack.
+    pub raggedness: f32,
 }
 
 /// A body of revolution.

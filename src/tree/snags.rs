@@ -10,16 +10,17 @@ use super::crowns::Build;
 use super::habit::{CrownStyle, Habit};
 use super::mesh::{Material, Mesh};
 use super::outline::half_width;
-use super::sculptor::{Dice, Knot, Sculptor, along, level, unit};
+use super::sculptor::{Dice, GOLDEN_RAD, Knot, Sculptor, along, level, unit};
 use super::stem::{STEM_SIDES, Stem};
 use crate::math;
 use crate::species::Species;
 
-const GOLDEN_RAD: f32 = 2.399_963;
 /// Primary branches of a whole snag of decay class 1–3, by level of detail.
-const BRANCHES: [[usize; 3]; 3] = [[22, 15, 7], [9, 7, 4], [4, 3, 2]];
+const BRANCHES: [[usize; 3]; 3] = [[22, 15, 7], [9, 7, 4], [3, 2, 1]];
 /// Twigs of a branch of class 1.
 const TWIGS: usize = 3;
+/// Reach of the longest branch that is left, in crown radii, by decay class.
+pub const REACH: [f32; 3] = [1.0, 0.8, 0.5];
 /// Share of the stem from the ground that still has bark, by decay class.
 const BARK_FRACTION: [f32; 5] = [1.0, 0.8, 0.35, 0.0, 0.0];
 
@@ -55,45 +56,46 @@ pub fn branched(
     let class = shape.class();
     let count = BRANCHES[detail][class];
     let style = Habit::of(species).crown;
-    let crown_m = build.height_m * (1.0 - build.base_fraction);
     let material = if class < 2 { Material::Bark } else { Material::Wood };
     let turn = dice.between(0.0, TAU);
-    for i in 0..count {
-        let t = (i as f32 + dice.between(0.2, 0.8)) / count as f32;
-        let (kept, length_share) = (dice.next(), [1.0, 0.8, 0.5][class] * dice.between(0.6, 1.0));
-        // of broken stems the branches fill what stands
-        let fraction = if shape.is_broken() {
-            let low = build.base_fraction.min(0.6 * shape.standing_fraction);
-            math::lerp(low, 0.93 * shape.standing_fraction, t)
-        } else {
-            build.base_fraction + 0.94 * t * (1.0 - build.base_fraction)
-        };
-        let t_crown = ((fraction * build.height_m - build.base_fraction * build.height_m)
-            / crown_m)
-            .clamp(0.0, 1.0);
-        let wide = half_width(species.crown.shape, 0.05 + 0.9 * t_crown).max(0.15);
-        let reach = build.radius_m * wide * length_share * (0.7 + 0.3 * kept);
+    let top_m = shape.standing_fraction * build.height_m;
+    // where branches leave the stem, as shares of the height at death, and how far each reaches
+    let base = if shape.is_broken() {
+        build.base_fraction.min(0.6 * shape.standing_fraction)
+    } else {
+        build.base_fraction
+    };
+    let mut branches: Vec<(f32, f32)> = (0..count)
+        .map(|i| {
+            let t = (i as f32 + dice.between(0.2, 0.8)) / count as f32;
+            let fraction = math::lerp(base, 0.92 * shape.standing_fraction, t);
+            let t_crown = (fraction - build.base_fraction) / (1.0 - build.base_fraction);
+            let wide = half_width(species.crown.shape, 0.05 + 0.9 * t_crown).max(0.15);
+            (fraction, wide * dice.between(0.5, 1.0))
+        })
+        .collect();
+    let longest = branches.iter().map(|branch| branch.1).fold(1e-3, f32::max);
+    for (_, reach) in &mut branches {
+        *reach *= build.radius_m / longest;
+    }
+    for (i, (fraction, reach)) in branches.into_iter().enumerate() {
         let rise = match style {
             CrownStyle::Tiers { droop, .. } => reach * (0.05 - 0.8 * droop),
             CrownStyle::Clumps { .. } => reach * dice.between(0.35, 0.85),
         };
-        let rise =
-            rise.min(0.97 * shape.standing_fraction * build.height_m - fraction * build.height_m);
+        let room = 0.97 * top_m - fraction * build.height_m;
         let from = stem.axis(fraction);
-        let out = level(turn + GOLDEN_RAD * i as f32);
-        let mut to = along(from, reach, out);
-        to[2] += rise;
-        let radius = (0.3 * stem.radius_m(fraction)).max(0.012 * reach);
+        let mut to = along(from, reach, level(turn + GOLDEN_RAD * i as f32));
+        to[2] += rise.min(room);
+        let radius = (0.3 * stem.radius_m(fraction)).max(0.012 * reach).min(0.04 * top_m);
         branch(&mut sculptor, material, [from, to], radius, detail);
         if class == 0 && detail == 0 {
             for twig in 0..TWIGS {
-                twig_on(&mut sculptor, [from, to], (twig as f32 + 1.5) / 4.5, radius, dice);
+                twig_on(&mut sculptor, [from, to], (twig as f32 + 1.5) / 4.5, radius, top_m, dice);
             }
         }
     }
-    // branches reach one crown radius, whatever the dice say; the stem keeps its thickness
-    sculptor.fit_reach(build.radius_m);
-    sculptor.into_mesh([build.radius_m, build.radius_m, shape.standing_fraction * build.height_m])
+    sculptor.into_mesh([build.radius_m, build.radius_m, top_m])
 }
 
 /// A model of a snag without branches, or of a stump, at a level of detail: its stem has radius 1 at its foot.
@@ -114,7 +116,7 @@ fn stand(
 ) -> Stem {
     let class = shape.class();
     let top_m = shape.standing_fraction * build.height_m;
-    let crook = build.height_m * dice.between(0.0, 0.01);
+    let crook = build.height_m * dice.between(0.0, 0.003);
     let mut stem = Stem {
         height_m: build.height_m,
         diameter_m: build.dbh_m,
@@ -148,7 +150,8 @@ fn stand(
 /// Adds a stem whose lower part has bark and whose upper part is bare.
 fn bark_and_wood(sculptor: &mut Sculptor, knots: &[Knot], class: usize, top_m: f32, sides: usize) {
     let bark_m = BARK_FRACTION[class] * top_m;
-    let split = knots.iter().filter(|knot| knot.at[2] <= bark_m).count();
+    let has_bark = |knot: &&Knot| bark_m > 0.0 && knot.at[2] <= bark_m;
+    let split = knots.iter().filter(has_bark).count();
     if split >= 2 {
         sculptor.tube(Material::Bark, &knots[..split], sides, true);
     }
@@ -218,6 +221,7 @@ fn twig_on(
     [from, to]: [[f32; 3]; 2],
     at: f32,
     radius: f32,
+    top_m: f32,
     dice: &mut Dice,
 ) {
     let ahead = std::array::from_fn(|k| to[k] - from[k]);
@@ -230,9 +234,8 @@ fn twig_on(
         length * dice.between(-0.1, 0.6),
     ]);
     let reach = length * dice.between(0.2, 0.35) * (1.2 - at);
-    let knots = [
-        Knot { at: start, radius: 0.4 * radius },
-        Knot { at: along(start, reach, direction), radius: 0.0 },
-    ];
+    let mut end = along(start, reach, direction);
+    end[2] = end[2].min(0.99 * top_m);
+    let knots = [Knot { at: start, radius: 0.4 * radius }, Knot { at: end, radius: 0.0 }];
     sculptor.tube(Material::Bark, &knots, 3, false);
 }

@@ -11,8 +11,8 @@ use crate::math;
 pub const BREAST_HEIGHT_M: f32 = 1.3;
 /// Step of the classes. chosen: √1.3 = 1.14, within 15 % with few models.
 pub const CLASS_STEP: f32 = 1.3;
-/// Number of classes. chosen: from twigs (dbh 0.6 % of the crown's radius) to 30 %, beyond redwoods of 60 m.
-pub const CLASSES: usize = 16;
+/// Number of classes. chosen: from stems of 0.6 % of the crown's radius to 90 %, beyond the greatest redwoods and old snags.
+pub const CLASSES: usize = 20;
 /// Dbh over crown radius in the middle of the first class.
 const FIRST_RATIO: f32 = 0.006;
 
@@ -25,7 +25,7 @@ pub const STEM_SIDES: [usize; 3] = [7, 4, 3];
 /// How stems taper: diameter falls with this power of the distance from the top. chosen: gives the form factor 0.45, as in `simulation::deadwood`.
 const TAPER_EXPONENT: f32 = 0.61;
 /// How much thicker stems are at the ground than their taper tells. chosen: the butts of grown trees.
-const FLARE: f32 = 0.35;
+const FLARE: f32 = 0.28;
 /// Height to which the flare reaches, as a share of the plant's.
 const FLARE_FRACTION: f32 = 0.06;
 
@@ -131,7 +131,7 @@ mod tests {
     #[test]
     fn classes_are_within_fifteen_percent() {
         for i in 0..1000 {
-            let ratio = 0.0055 * math::powf(55.0, i as f32 / 1000.0);
+            let ratio = 0.0055 * math::powf(170.0, i as f32 / 1000.0);
             let drawn = class_ratio(class_of(ratio));
             assert!((drawn / ratio - 1.0).abs() < 0.15, "{ratio}: {drawn}");
         }
