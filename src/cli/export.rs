@@ -39,7 +39,13 @@ pub struct ExportArguments {
     #[arg(long, value_name = "LAYER,…", value_delimiter = ',', num_args = 1, value_parser = layer)]
     layers: Option<Vec<ExportLayer>>,
     /// Leave out plants and snags lower than this.
-    #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = height)]
+    #[arg(
+        long,
+        value_name = "METRES",
+        default_value_t = 0.0,
+        value_parser = height,
+        allow_hyphen_values = true
+    )]
     min_height: f32,
     /// Crowns as polygons in a layer of their own (gpkg).
     #[arg(long)]

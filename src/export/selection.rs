@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use super::instances::FeatureTable;
+use crate::io::table::Table;
 use crate::plants::deadwood::{Deadwood, DownedLogs, Snags};
-use crate::plants::{Layer, Plants};
+use crate::plants::{Layer, Plants, downed_logs_table, snags_table, table};
 use crate::raster::{Frame, GeoTransform, Grid, MapWindow, Mask};
 use crate::species::Biome;
 
@@ -74,6 +75,8 @@ pub struct SceneContent {
     pub plants: Plants,
     /// What is dead in it; `None` if its forest has no history.
     pub deadwood: Option<Deadwood>,
+    /// Years that its forest was aged.
+    pub years: u32,
 }
 
 /// What is exported: rows of tables, and the terrain that they stand on.
@@ -85,6 +88,8 @@ pub struct Selection {
     pub biome: Biome,
     /// Size and place of the whole scene: rows' positions count from its south-west corner, whatever the box.
     pub frame: Arc<Frame>,
+    /// Years that the forest was aged.
+    pub years: u32,
     /// Bounds of the selection in map coordinates: the box, at most the scene.
     pub window: MapWindow,
     /// Elevation of the ground on the cells that the window touches; its own frame says where they lie.
@@ -182,6 +187,7 @@ impl Selection {
             biome: scene.biome,
             elevation_m: cut(&scene.elevation_m, &window),
             frame,
+            years: scene.years,
             window,
             layers,
             plants,
@@ -203,6 +209,18 @@ impl Selection {
             FeatureTable::Plants => self.plants.len(),
             FeatureTable::Snags => self.snags.len(),
             FeatureTable::DownedLogs => self.downed_logs.len(),
+        }
+    }
+
+    /// A table as files hold it, rows in the order of ids.
+    pub fn table(&self, table: FeatureTable) -> Box<dyn Table + '_> {
+        let Self { biome, frame, .. } = self;
+        match table {
+            FeatureTable::Plants => table::as_table(&self.plants, biome, frame),
+            FeatureTable::Snags => snags_table::as_table(&self.snags, biome, frame),
+            FeatureTable::DownedLogs => {
+                downed_logs_table::as_table(&self.downed_logs, biome, frame)
+            }
         }
     }
 
@@ -406,5 +424,150 @@ fn keep_downed_logs(downed_logs: &mut DownedLogs, keep: &[bool]) {
         &mut downed_logs.density_fraction,
     ] {
         retain(values, keep);
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::plants::deadwood::{Cause, DownedLogKind};
+    use crate::raster::{Cell, Crs};
+
+    /// Twenty metres of ground from (1000, 2000) with four plants, a snag and a downed log that begins beyond the edge.
+    pub(in crate::export) fn scene() -> SceneContent {
+        let transform = GeoTransform { west_m: 1000.0, north_m: 2020.0, cell_m: 2.0 };
+        let frame = Frame { rows: 10, cols: 10, transform, crs: Crs::Epsg(32611) };
+        let values = (0..100).map(|i| i as f32).collect();
+        let mask = Arc::new(Mask::all_valid(100));
+        let count = 4;
+        let plants = Plants {
+            id: vec![1, 2, 3, 4],
+            species: vec![0, 1, 2, 3],
+            layer: vec![Layer::Canopy, Layer::Undergrowth, Layer::Canopy, Layer::Undergrowth],
+            east_m: vec![0.0, 9.5, 10.0, 20.0],
+            north_m: vec![0.0, 10.0, 9.5, 20.0],
+            z_m: vec![5.0; count],
+            height_m: vec![20.0, 0.5, 8.0, 1.5],
+            crown_radius_m: vec![3.0, 0.25, 2.0, 0.5],
+            dbh_m: vec![0.5, 0.0, 0.25, 0.01],
+            age_years: vec![80.0, 2.0, 30.0, 4.5],
+            vigor: vec![0.5; count],
+        };
+        let snags = Snags {
+            id: vec![9],
+            species: vec![1],
+            east_m: vec![15.0],
+            north_m: vec![5.0],
+            z_m: vec![5.0],
+            height_m: vec![4.0],
+            height_at_death_m: vec![12.0],
+            dbh_m: vec![0.25],
+            years_dead: vec![3.0],
+            decay_class: vec![2],
+            density_fraction: vec![0.75],
+            branch_fraction: vec![0.5],
+            cause: vec![Cause::Storm],
+        };
+        let downed_logs = DownedLogs {
+            id: vec![17],
+            parent_id: vec![5],
+            species: vec![0],
+            kind: vec![DownedLogKind::Trunk],
+            east_m: vec![-3.0],
+            north_m: vec![5.0],
+            z_m: vec![4.5],
+            length_m: vec![8.0],
+            diameter_base_m: vec![0.5],
+            diameter_tip_m: vec![0.125],
+            azimuth_rad: vec![std::f32::consts::FRAC_PI_2],
+            years_down: vec![1.0],
+            decay_class: vec![1],
+            density_fraction: vec![0.9],
+            cause: vec![Cause::Storm],
+        };
+        SceneContent {
+            name: "forest".to_owned(),
+            biome: Biome::builtin("pyrenees").unwrap(),
+            elevation_m: Grid::new(Arc::new(frame), mask, values),
+            plants,
+            deadwood: Some(Deadwood { snags, downed_logs }),
+            years: 30,
+        }
+    }
+
+    fn select(filter: &Filter) -> Result<Selection, SelectionError> {
+        Selection::new(scene(), filter)
+    }
+
+    fn boxed(west: f64, south: f64, east: f64, north: f64) -> Filter {
+        Filter { bbox: Some(MapWindow { west, south, east, north }), ..Filter::default() }
+    }
+
+    #[test]
+    fn everything_is_the_default() {
+        let all = select(&Filter::default()).unwrap();
+        assert_eq!((all.len(), all.layers), (6, ExportLayer::ALL.to_vec()));
+        assert_eq!((all.plants, all.elevation_m.frame().len()), (scene().plants, 100));
+    }
+
+    #[test]
+    fn boxes_side_by_side_share_nothing_and_lose_nothing() {
+        let mut ids = Vec::new();
+        for (west, south) in
+            [(1000.0, 2000.0), (1010.0, 2000.0), (1000.0, 2010.0), (1010.0, 2010.0)]
+        {
+            let part = select(&boxed(west, south, west + 10.0, south + 10.0)).unwrap();
+            ids.extend(part.plants.id);
+            ids.extend(part.snags.id);
+            ids.extend(part.downed_logs.id);
+        }
+        ids.sort_unstable();
+        assert_eq!(ids, [1, 2, 3, 4, 9, 17]);
+        // just right of the middle, in the south-east
+        let south_east = select(&boxed(1010.0, 2000.0, 1020.0, 2010.0)).unwrap();
+        assert_eq!(south_east.plants.id, [3]);
+    }
+
+    #[test]
+    fn terrain_is_cut_to_the_cells_that_the_box_touches() {
+        let part = select(&boxed(1003.0, 2000.0, 1010.0, 2011.0)).unwrap();
+        let frame = part.elevation_m.frame();
+        assert_eq!((frame.rows, frame.cols), (6, 4));
+        assert_eq!((frame.transform.west_m, frame.transform.north_m), (1002.0, 2012.0));
+        assert_eq!(part.elevation_m[Cell { row: 0, col: 0 }], 41.0);
+        assert_eq!(part.frame.len(), 100, "positions count from the scene's corner");
+    }
+
+    #[test]
+    fn layers_and_heights_are_left_out() {
+        let layers = Some(vec![ExportLayer::Snags, ExportLayer::Canopy]);
+        let some = select(&Filter { layers, min_height_m: 8.0, bbox: None }).unwrap();
+        assert_eq!((some.plants.id.as_slice(), some.len()), (&[1, 3][..], 2));
+        assert_eq!(some.tables(), [FeatureTable::Plants, FeatureTable::Snags]);
+        let layers = Some(vec![ExportLayer::DownedLogs]);
+        let logs = select(&Filter { layers, min_height_m: 50.0, bbox: None }).unwrap();
+        assert_eq!((logs.downed_logs.len(), logs.len()), (1, 1), "they have no height");
+    }
+
+    #[test]
+    fn what_selects_nothing_is_refused() {
+        let told = |filter: &Filter| select(filter).unwrap_err().to_string();
+        assert!(told(&boxed(0.0, 0.0, 5.0, 5.0)).contains("outside the scene"));
+        let empty = told(&boxed(1004.0, 2014.0, 1006.0, 2016.0));
+        assert!(empty.contains("none of 2 canopy trees, 2 plants of undergrowth"), "{empty}");
+        let layers = Some(vec![ExportLayer::Canopy]);
+        let high = told(&Filter { layers: layers.clone(), min_height_m: 50.0, bbox: None });
+        assert!(high.contains("50 m high or more"), "{high}");
+
+        let mut young = scene();
+        young.deadwood = None;
+        let layers = Some(vec![ExportLayer::Snags]);
+        let filter = Filter { layers, ..Filter::default() };
+        let error = Selection::new(young, &filter).unwrap_err().to_string();
+        assert!(error.contains("it has canopy, undergrowth (wildwood age"), "{error}");
+
+        let mut bare = scene();
+        (bare.plants, bare.deadwood) = (Plants::default(), None);
+        assert_eq!(Selection::new(bare, &Filter::default()).unwrap_err(), SelectionError::NoPlants);
     }
 }

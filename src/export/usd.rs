@@ -1,9 +1,9 @@
-//! A scene as OpenUSD text: the ground, and a point instancer for each model under `/Forest/Plants`, `/Forest/Snags` and
-//! `/Forest/DownedLogs`.
+//! A scene as OpenUSD text: the ground, and a point instancer for each model of plants, snags and downed logs.
 //!
-//! Metres, z up. Every instancer holds its model in all levels of detail; the variant set `lod` of `/Forest` chooses one for
-//! the whole forest. Positions are single precision, local to `/Forest`, which stands at the origin or, if asked for, at its
-//! double precision place on the map. Instances carry the table's `ids` and the primvars `tint`, a size and an age.
+//! Metres, z up. Instancers stand under `/Forest/Plants`, `/Forest/Snags` and `/Forest/DownedLogs`; each holds its model in all levels of
+//! detail, and the variant set `lod` of `/Forest` chooses one for the whole forest. Positions are single precision, local to `/Forest`, which
+//! stands at the origin or, if asked for, at its double precision place on the map. Instances carry the table's `ids` and the primvars `tint`,
+//! a size and an age.
 //!
 //! # Reference
 //! OpenUSD: the schemas of UsdGeom and UsdShade, and the specification of `UsdPreviewSurface` 2.6.

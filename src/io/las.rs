@@ -1,7 +1,9 @@
 //! LAS, LAZ and COPC point clouds.
 //!
-//! Reading order: this file (the cloud), `header` (layout and records), `points` (records to columns), `write`.
+//! Reading order: this file (the cloud), `header` (layout and records), `points` (records to columns), `write`;
+//! `attributed` (points with measures of their own).
 
+mod attributed;
 mod header;
 mod points;
 mod write;
@@ -10,6 +12,7 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
+pub use attributed::{Attribute, AttributeValues, AttributedPoints, write_attributed};
 pub use write::write_laz;
 
 use rayon::prelude::*;

@@ -6,6 +6,7 @@ pub mod elv;
 #[cfg(feature = "gdal")]
 pub mod gdal;
 pub mod geokeys;
+pub mod geopackage;
 pub mod geoparquet;
 pub mod geotiff;
 pub mod las;

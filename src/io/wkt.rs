@@ -25,6 +25,13 @@ pub fn parse(text: &str) -> (Option<Crs>, Option<LengthUnit>) {
     (found_crs, found_unit)
 }
 
+/// The text, WKT1, of a system of the registry; `None` for others, and for the few whose definitions lack it.
+pub fn of(crs: &Crs) -> Option<&'static str> {
+    let &Crs::Epsg(code) = crs else { return None };
+    let known = crs_definitions::from_code(u16::try_from(code).ok()?)?;
+    Some(known.wkt).filter(|text| !text.is_empty())
+}
+
 /// One `KEYWORD[…]` of a text.
 #[derive(Debug)]
 pub(super) struct Node<'a> {

@@ -11,13 +11,14 @@ use serde_json::json;
 use super::export_format::{ExportFormat, OutputKind};
 use super::export_output::{NOTE, Output, write_error};
 use super::scene_files::{read_deadwood, read_plants};
-use super::{Error, close_up, export_3d, import};
-use crate::export::WriteError;
+use super::{Error, age, close_up, export_3d, import};
 use crate::export::instances::FeatureTable;
 use crate::export::points::Flavour;
 use crate::export::scene3d::Lod;
 use crate::export::selection::{self, ExportLayer, Filter, SceneContent, Selection};
+use crate::export::{WriteError, ecoviz, geojson, geopackage, iland, tables, tree_cloud};
 use crate::plants::Plants;
+use crate::plants::table::TableFormat;
 use crate::progress::Reporter;
 use crate::scene::Manifest;
 use crate::species::Biome;
@@ -96,7 +97,6 @@ pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Err
         return Err(Error::Usage { what });
     }
 
-    let stage = reporter.stage("export", selection.len() as u64);
     let staged = output.staged();
     write(format, &selection, &request.options, &staged, reporter).map_err(|e| match e {
         WriteError::Io(source) => write_error(&request.output, source),
@@ -112,7 +112,6 @@ pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Err
     }
     reporter.check_cancelled()?;
     let bytes = output.commit()?;
-    stage.advance(selection.len() as u64);
     let rows = selection.tables().into_iter().map(|table| (table, selection.rows(table)));
     Ok(Exported { format, rows: rows.collect(), bytes })
 }
@@ -126,13 +125,13 @@ fn write(
     reporter: &Reporter,
 ) -> Result<(), WriteError> {
     match format {
-        ExportFormat::GeoPackage
-        | ExportFormat::Parquet
-        | ExportFormat::Csv
-        | ExportFormat::GeoJson
-        | ExportFormat::Las
-        | ExportFormat::ILand
-        | ExportFormat::EcoViz => Err(not_yet(format)),
+        ExportFormat::GeoPackage => geopackage::write(to, selection, options.has_crowns, reporter),
+        ExportFormat::Parquet => write_tables(selection, TableFormat::Parquet, to, reporter),
+        ExportFormat::Csv => write_tables(selection, TableFormat::Csv, to, reporter),
+        ExportFormat::GeoJson => geojson::write(to, selection, reporter),
+        ExportFormat::Las => tree_cloud::write(to, selection, reporter),
+        ExportFormat::ILand => iland::write(to, selection, reporter),
+        ExportFormat::EcoViz => ecoviz::write(to, selection, reporter),
         ExportFormat::Usd
         | ExportFormat::Glb
         | ExportFormat::Tiles3d
@@ -141,8 +140,17 @@ fn write(
     }
 }
 
-fn not_yet(format: ExportFormat) -> WriteError {
-    WriteError::Refused { what: format!("the format {} is not written yet", format.name()) }
+fn write_tables(
+    selection: &Selection,
+    format: TableFormat,
+    to: &Path,
+    reporter: &Reporter,
+) -> Result<(), WriteError> {
+    match selection.tables()[..] {
+        // a file was asked for, and it holds one table
+        [table] if !to.is_dir() => tables::write_file(to, selection, table, format),
+        _ => tables::write_folder(to, selection, format, reporter),
+    }
 }
 
 /// The format that is asked for, or that the output's ending stands for.
@@ -198,7 +206,10 @@ fn select(
     reporter.check_cancelled()?;
     stage.advance(1);
     let name = manifest.scene.name.clone();
-    let scene = SceneContent { name, biome, elevation_m, plants, deadwood };
+    let years = manifest.stages.get(age::STAGE).and_then(|stage| stage.figures.get("years"));
+    let years = years.and_then(toml::Value::as_integer).unwrap_or(0);
+    let years = u32::try_from(years).unwrap_or(0);
+    let scene = SceneContent { name, biome, elevation_m, plants, deadwood, years };
     let filter = holdable(&request.filter, format, &scene)?;
     Ok(Selection::new(scene, &filter)?)
 }
@@ -242,4 +253,92 @@ fn note(format: ExportFormat, selection: &Selection, options: &ExportOptions) ->
         },
     });
     format!("{note:#}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::demo;
+    use crate::terrain::generate::GenerateParams;
+
+    fn demo_scene(home: &Path) -> PathBuf {
+        let folder = home.join("forest");
+        let params = GenerateParams { rows: 64, cols: 64, ..GenerateParams::default() };
+        demo::run(folder.clone(), "sonoma", &params, &Reporter::silent()).unwrap();
+        folder
+    }
+
+    fn request(folder: &Path, output: PathBuf, format: Option<ExportFormat>) -> ExportRequest {
+        ExportRequest {
+            folder: folder.to_path_buf(),
+            output,
+            format,
+            filter: Filter::default(),
+            options: ExportOptions::default(),
+        }
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap();
+        let mut names: Vec<String> =
+            entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_scene_is_exported_and_an_export_replaced_but_nothing_else() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = demo_scene(home.path());
+        let before = names(&folder);
+        let silent = Reporter::silent();
+        let table = fs::read(folder.join("plants.parquet")).unwrap();
+
+        // tables: the same bytes as the scene's, again over themselves
+        let tables = home.path().join("tables");
+        for _ in 0..2 {
+            let request = request(&folder, tables.clone(), Some(ExportFormat::Parquet));
+            let exported = run(&request, &silent).unwrap();
+            assert!(exported.rows[0].1 > 0 && exported.bytes > table.len() as u64);
+        }
+        assert_eq!(fs::read(tables.join("plants.parquet")).unwrap(), table);
+        assert!(names(&tables).contains(&NOTE.to_owned()));
+
+        // files, by their endings
+        for name in ["a.gpkg", "a.las", "a.laz", "a.pdb"] {
+            for _ in 0..2 {
+                run(&request(&folder, home.path().join(name), None), &silent).unwrap();
+            }
+        }
+
+        // what is no export of the format stays
+        let told = |output: PathBuf, format| {
+            let error = run(&request(&folder, output, format), &silent).unwrap_err();
+            assert!(error.is_bad_input(), "{error}");
+            error.to_string()
+        };
+        let las = Some(ExportFormat::Las);
+        assert!(told(home.path().join("a.gpkg"), las).contains("is no las"));
+        assert!(told(tables.clone(), Some(ExportFormat::Csv)).contains("is no export to csv"));
+        assert!(told(tables.clone(), las).contains("is a folder"));
+        assert!(told(folder.clone(), Some(ExportFormat::Parquet)).contains("the scene itself"));
+        let own = folder.join("plants.parquet");
+        assert!(told(own, None).contains("the scene itself"));
+        assert!(told(home.path().join("no/a.gpkg"), None).contains("does not exist"));
+        assert!(told(home.path().join("a.xyz"), None).contains("give --to"));
+        let file = home.path().join("b.csv");
+        assert!(told(file, None).contains("holds one table"));
+        let local = told(home.path().join("a.geojson"), None);
+        assert!(local.contains("local metres"), "{local}");
+        assert_eq!(names(&folder), before);
+        assert_eq!(names(home.path()), ["a.gpkg", "a.las", "a.laz", "a.pdb", "forest", "tables"]);
+    }
+
+    #[test]
+    fn a_folder_without_a_scene_is_refused() {
+        let home = tempfile::tempdir().unwrap();
+        let output = home.path().join("a.gpkg");
+        let error = run(&request(home.path(), output, None), &Reporter::silent()).unwrap_err();
+        assert!(error.is_bad_input() && error.to_string().contains("no scene"), "{error}");
+    }
 }

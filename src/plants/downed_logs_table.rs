@@ -59,6 +59,14 @@ pub fn write_downed_logs<W: Write + Send>(
     write_table(out, &DownedLogsTable::new(logs, biome, frame), &frame.crs, format)
 }
 
+/// Downed logs as the table of [`COLUMNS`], rows in the order of ids, places in map coordinates of a scene on `frame`.
+///
+/// # Panics
+/// If an id is 2⁶³ or more, or a species is none of the biome's.
+pub fn as_table<'a>(logs: &'a DownedLogs, biome: &'a Biome, frame: &Frame) -> Box<dyn Table + 'a> {
+    Box::new(DownedLogsTable::new(logs, biome, frame))
+}
+
 /// Downed logs seen as a table.
 struct DownedLogsTable<'a> {
     logs: &'a DownedLogs,

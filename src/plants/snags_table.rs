@@ -44,14 +44,15 @@ pub fn write_snags<W: Write + Send>(
     frame: &Frame,
     format: TableFormat,
 ) -> io::Result<()> {
-    checks::assert_ids(snags.id.iter().copied(), "snag");
-    let table = SnagsTable {
-        snags,
-        species: checks::species_words(snags.species.iter().copied(), biome),
-        south_west: frame.south_west(),
-        order: RowOrder::by_key(snags.len(), |index| snags.id[index]),
-    };
-    write_table(out, &table, &frame.crs, format)
+    write_table(out, &SnagsTable::new(snags, biome, frame), &frame.crs, format)
+}
+
+/// Snags as the table of [`COLUMNS`], rows in the order of ids, places in map coordinates of a scene on `frame`.
+///
+/// # Panics
+/// If an id is 2⁶³ or more, or a species is none of the biome's.
+pub fn as_table<'a>(snags: &'a Snags, biome: &'a Biome, frame: &Frame) -> Box<dyn Table + 'a> {
+    Box::new(SnagsTable::new(snags, biome, frame))
 }
 
 /// Snags seen as a table.
@@ -60,6 +61,18 @@ struct SnagsTable<'a> {
     species: Vec<Cow<'a, str>>,
     south_west: MapPoint,
     order: RowOrder,
+}
+
+impl<'a> SnagsTable<'a> {
+    fn new(snags: &'a Snags, biome: &'a Biome, frame: &Frame) -> Self {
+        checks::assert_ids(snags.id.iter().copied(), "snag");
+        Self {
+            snags,
+            species: checks::species_words(snags.species.iter().copied(), biome),
+            south_west: frame.south_west(),
+            order: RowOrder::by_key(snags.len(), |index| snags.id[index]),
+        }
+    }
 }
 
 impl Table for SnagsTable<'_> {

@@ -88,6 +88,14 @@ pub fn write<W: Write + Send>(
     write_table(out, &PlantsTable::new(plants, biome, frame.south_west()), &frame.crs, format)
 }
 
+/// Plants as the table of [`COLUMNS`], rows in the order of ids, places in map coordinates of a scene on `frame`.
+///
+/// # Panics
+/// If an id is 2⁶³ or more, or a species is none of the biome's.
+pub fn as_table<'a>(plants: &'a Plants, biome: &'a Biome, frame: &Frame) -> Box<dyn Table + 'a> {
+    Box::new(PlantsTable::new(plants, biome, frame.south_west()))
+}
+
 /// Writes any table whose places, if it has some, are in `crs`.
 pub(super) fn write_table<W: Write + Send>(
     out: W,

@@ -11,7 +11,7 @@ use crate::io::Error;
 use crate::raster::Crs;
 
 /// Points handed to the compressor at a time. chosen: 4 chunks of 50,000 for each of 4 threads.
-const BATCH_POINTS: usize = 800_000;
+pub(super) const BATCH_POINTS: usize = 800_000;
 
 /// Writes a cloud as LAZ 1.4, point format 6, beside `path` and renames it when it is whole.
 /// The CRS goes in as GeoTIFF keys where it has an EPSG code; each point is the only return of its pulse.
@@ -74,7 +74,7 @@ where
 }
 
 /// Record 34735 naming a projected CRS by its EPSG code, in metres.
-fn geo_keys(epsg: u16) -> Vlr {
+pub(super) fn geo_keys(epsg: u16) -> Vlr {
     // version 1.1.0, three keys: projected model, the CRS, vertical metres
     let keys: [u16; 16] = [1, 1, 0, 3, 1024, 0, 1, 1, 3072, 0, 1, epsg, 4099, 0, 1, 9001];
     Vlr {
