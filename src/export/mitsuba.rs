@@ -25,11 +25,14 @@ use crate::tree::mesh::Material;
 /// Most instances. chosen: Mitsuba takes half a minute to read so many.
 pub const MOST_INSTANCES: usize = 50_000;
 
-/// Where the camera stands, seen from the scene's middle, in radii of the scene. chosen: a bird's view that shows stems and ground.
-const CAMERA: [f32; 3] = [-1.0, -1.5, 0.9];
+/// Where the camera stands, seen from the scene's middle, in radii of the scene. chosen: a bird's view of all of it.
+const CAMERA: [f32; 3] = [-1.6, -2.4, 1.6];
 const FIELD_OF_VIEW_DEG: u32 = 40;
 /// Towards the sun: from the south-west, 45° high. chosen: the camera sees the lit side.
 const SUN: [f32; 3] = [-0.35, -0.62, 0.7];
+/// How much brighter sun and sky are than Mitsuba has them. chosen: foliage in the sun is half as bright as the film is white.
+const SUN_SCALE: u32 = 10;
+const SKY_SCALE: u32 = 14;
 
 /// Writes a scene into an empty folder.
 ///
@@ -153,8 +156,10 @@ fn instance(out: &mut Vec<u8>, name: &str, group: &InstanceGroup, i: usize) {
 
 fn head(scene: &Scene3d<'_>, groups: &[&InstanceGroup]) -> String {
     let ground = Bounds::of_points(&scene.terrain.position_m);
-    let all =
-        groups.iter().fold(ground, |all, group| all.union(Bounds::of_points(&group.position_m)));
+    let all = groups.iter().fold(ground, |all, group| {
+        let model = Bounds::of_archetype(&scene.instances.archetypes[group.archetype]);
+        (0..group.row.len()).fold(all, |all, i| all.union(model.of_instance(group, i)))
+    });
     let all = if all.is_empty() { Bounds::EMPTY.with([0.0; 3]) } else { all };
     let middle: [f32; 3] = std::array::from_fn(|k| 0.5 * (all.low[k] + all.high[k]));
     let radius_m = (0..2).map(|k| 0.5 * (all.high[k] - all.low[k])).fold(1.0, f32::max);
@@ -192,6 +197,8 @@ fn head(scene: &Scene3d<'_>, groups: &[&InstanceGroup]) -> String {
     <emitter type="sunsky">
         <vector name="sun_direction" x="{sx}" y="{sy}" z="{sz}"/>
         <float name="turbidity" value="3"/>
+        <float name="sun_scale" value="{SUN_SCALE}"/>
+        <float name="sky_scale" value="{SKY_SCALE}"/>
     </emitter>
 
 "#

@@ -368,16 +368,7 @@ def test_mitsuba_renders_the_scene(scene, tables, tmp_path):
     assert len(instances) == sum(expected.values())
     picture = np.array(mitsuba.render(forest))
     assert picture.shape[:2] == (64, 64) and np.isfinite(picture).all()
-    assert picture.mean() > 0.01 and picture.std() > 0.01
-
-
-def test_mitsuba_refuses_what_it_cannot_read_in_time(scene, tables, tmp_path):
-    if sum(map(len, tables.values())) <= 50_000:
-        pytest.skip("the scene is small enough")
-    command = [WILDWOOD, "export", scene, "--to", "mitsuba", "-o", tmp_path / "all", "--quiet"]
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
-    assert done.returncode == 2 and "--bbox" in done.stderr
-    assert not (tmp_path / "all").exists()
+    assert 0.03 < picture.mean() < 1.0 and picture.std() > 0.03
 
 
 # Lists of points
