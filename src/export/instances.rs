@@ -433,3 +433,223 @@ fn grouped(
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use super::*;
+    use crate::plants::deadwood::Cause;
+
+    /// Ground that rises by 0.3 a metre to the east.
+    fn slope() -> Grid<f32> {
+        Grid::from_fn(200, 200, 2.0, |cell| 500.0 + 0.3 * (2.0 * cell.col as f32 + 1.0))
+    }
+
+    fn sonoma() -> Biome {
+        Biome::builtin("sonoma").unwrap()
+    }
+
+    /// Plants of all species and sizes, strewn over 400 m.
+    fn plants(count: usize, biome: &Biome) -> Plants {
+        let fraction = |i: usize, step: usize| (i * step % 65_521) as f32 / 65_521.0;
+        let mut all = Plants::default();
+        for i in 0..count {
+            let index = i % biome.species.len();
+            let species = &biome.species[index];
+            let height_m = 0.1 + fraction(i, 37) * 0.8 * species.max_height_m;
+            all.id.push(i as u64);
+            all.species.push(index as u16);
+            all.layer.push(if height_m > 5.0 { Layer::Canopy } else { Layer::Undergrowth });
+            all.east_m.push(400.0 * fraction(i, 7919));
+            all.north_m.push(400.0 * fraction(i, 104_729));
+            all.z_m.push(500.0);
+            all.height_m.push(height_m);
+            all.crown_radius_m.push(species.crown_radius_m(height_m));
+            all.dbh_m.push(species.dbh_m(height_m));
+            all.age_years.push(50.0);
+            all.vigor.push(fraction(i, 53));
+        }
+        all
+    }
+
+    fn snags(count: usize) -> Snags {
+        let mut all = Snags::default();
+        for i in 0..count {
+            all.id.push(i as u64);
+            all.species.push(9 + (i % 7) as u16);
+            all.east_m.push(3.0 * i as f32);
+            all.north_m.push(100.0);
+            all.z_m.push(500.0);
+            all.height_m.push([20.0, 12.0, 0.8][i % 3]);
+            all.height_at_death_m.push(20.0);
+            all.dbh_m.push(0.4);
+            all.years_dead.push(5.0);
+            all.decay_class.push(1 + (i % 5) as u8);
+            all.density_fraction.push(0.8);
+            all.branch_fraction.push(0.5);
+            all.cause.push(Cause::Age);
+        }
+        all
+    }
+
+    fn downed_logs(count: usize) -> DownedLogs {
+        let mut all = DownedLogs::default();
+        for i in 0..count {
+            all.id.push(i as u64);
+            all.parent_id.push(i as u64);
+            all.species.push((9 + i % 7) as u16);
+            all.kind.push(DownedLogKind::ALL[i % 4]);
+            all.east_m.push(100.0 + i as f32);
+            all.north_m.push(150.0);
+            all.z_m.push(500.0);
+            all.length_m.push(15.0);
+            all.diameter_base_m.push(0.5);
+            all.diameter_tip_m.push(0.1);
+            all.azimuth_rad.push(0.7 * i as f32 % std::f32::consts::TAU);
+            all.years_down.push(1.0);
+            all.decay_class.push(1 + (i % 5) as u8);
+            all.density_fraction.push(0.8);
+            all.cause.push(Cause::Storm);
+        }
+        all
+    }
+
+    fn forest(origin: [f64; 3]) -> Instances {
+        let biome = sonoma();
+        let (plants, snags, logs) = (plants(3000, &biome), snags(60), downed_logs(60));
+        Instances::of(&plants, &snags, &logs, &slope(), &biome, origin)
+    }
+
+    /// Turns a direction.
+    fn rotated(rotation: [f32; 4], v: [f32; 3]) -> [f32; 3] {
+        let [x, y, z, w] = rotation;
+        let inverse = [-x, -y, -z, w];
+        let [a, b, c, _] = turned(turned(rotation, [v[0], v[1], v[2], 0.0]), inverse);
+        [a, b, c]
+    }
+
+    #[test]
+    fn everything_is_one_instance_in_its_true_size() {
+        let biome = sonoma();
+        let all = forest([0.0; 3]);
+        assert_eq!(all.len(), 3120);
+        let plants = plants(3000, &biome);
+        let mut seen = vec![false; 3000];
+        for group in &all.groups {
+            let archetype = &all.archetypes[group.archetype];
+            assert!(group.row.windows(2).all(|pair| pair[0] < pair[1]));
+            for (i, &row) in group.row.iter().enumerate() {
+                let long: f32 = group.rotation[i].iter().map(|v| v * v).sum();
+                assert!((long - 1.0).abs() < 1e-5, "{}", archetype.key);
+                if group.table == FeatureTable::Plants {
+                    let row = row as usize;
+                    assert!(!std::mem::replace(&mut seen[row], true));
+                    assert_eq!(archetype.species, plants.species[row]);
+                    let radius_m = plants.crown_radius_m[row];
+                    assert_eq!(group.scale[i], [radius_m, radius_m, plants.height_m[row]]);
+                    // upright on the slope
+                    let up = rotated(group.rotation[i], [0.0, 0.0, 1.0]);
+                    assert!((up[2] - 1.0).abs() < 1e-6);
+                    let [x, y, z] = group.position_m[i];
+                    assert_eq!([x, y], [plants.east_m[row], plants.north_m[row]]);
+                    if (2.0..398.0).contains(&x) {
+                        assert!((z - 500.0 - 0.3 * x).abs() < 1e-2, "{x}: {z}");
+                    }
+                }
+            }
+        }
+        assert!(seen.into_iter().all(|s| s));
+    }
+
+    #[test]
+    fn downed_logs_lie_on_the_slope_from_end_to_end() {
+        let all = forest([0.0; 3]);
+        let logs = downed_logs(60);
+        let of_logs = |group: &&InstanceGroup| group.table == FeatureTable::DownedLogs;
+        for group in all.groups.iter().filter(of_logs) {
+            for (i, row) in group.row.iter().enumerate() {
+                let row = *row as usize;
+                let along = rotated(group.rotation[i], [1.0, 0.0, 0.0]);
+                let end: [f32; 3] =
+                    std::array::from_fn(|k| group.position_m[i][k] + group.scale[i][0] * along[k]);
+                let [east_m, north_m] = logs.thin_end_m(row);
+                let class = usize::from(logs.decay_class[row]) - 1;
+                let z_m = 500.0 + 0.3 * east_m + 0.1 * AXIS_ABOVE_GROUND[class];
+                for (found, expected) in end.into_iter().zip([east_m, north_m, z_m]) {
+                    assert!((found - expected).abs() < 0.01, "{end:?}: {east_m} {north_m} {z_m}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn positions_count_from_the_origin() {
+        let (here, there) = (forest([0.0; 3]), forest([100.0, -20.0, 450.0]));
+        let (a, b) = (here.groups[0].position_m[0], there.groups[0].position_m[0]);
+        for (k, shift) in [100.0, -20.0, 450.0].into_iter().enumerate() {
+            assert!((a[k] - b[k] - shift).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn same_instances_for_one_thread_and_two() {
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| forest([0.0; 3]).groups)
+        };
+        assert!(with(1) == with(2));
+    }
+
+    #[test]
+    fn trees_among_others_are_told_from_those_alone() {
+        let biome = sonoma();
+        let oak = biome.species_index("tanoak").unwrap() as u16;
+        let mut all = Plants::default();
+        // a dense stand in the west, and one tree in the east
+        let places = (0..400).map(|i| ((i % 20) as f32 * 4.0, (i / 20) as f32 * 4.0));
+        for (i, (east_m, north_m)) in places.chain([(300.0, 300.0)]).enumerate() {
+            all.id.push(i as u64);
+            all.species.push(oak);
+            all.layer.push(Layer::Canopy);
+            all.east_m.push(east_m);
+            all.north_m.push(north_m);
+            all.z_m.push(500.0);
+            all.height_m.push(20.0);
+            all.crown_radius_m.push(3.0);
+            all.dbh_m.push(0.3);
+            all.age_years.push(80.0);
+            all.vigor.push(0.8);
+        }
+        let none = (Snags::default(), DownedLogs::default());
+        let instances = Instances::of(&all, &none.0, &none.1, &slope(), &biome, [0.0; 3]);
+        for group in &instances.groups {
+            let key = &instances.archetypes[group.archetype].key;
+            for row in &group.row {
+                let form = if *row == 400 { ".tree.open." } else { ".tree.forest." };
+                // the stand's rim may count as either
+                assert!(key.contains(form) || (*row < 400 && key.contains(".tree.")), "{key}");
+            }
+        }
+        let forest: usize = instances
+            .groups
+            .iter()
+            .filter(|g| instances.archetypes[g.archetype].key.contains(".tree.forest."))
+            .map(|g| g.row.len())
+            .sum();
+        assert!(forest > 300, "{forest}");
+    }
+
+    #[test]
+    #[ignore = "measures time: run alone, in release"]
+    fn a_million_plants_take_a_third_of_a_second() {
+        let biome = sonoma();
+        let plants = plants(1_000_000, &biome);
+        let (snags, logs) = (Snags::default(), DownedLogs::default());
+        let begin = Instant::now();
+        let all = Instances::of(&plants, &snags, &logs, &slope(), &biome, [0.0; 3]);
+        let seconds = begin.elapsed().as_secs_f64();
+        assert_eq!(all.len(), 1_000_000);
+        assert!(seconds < 0.3, "{seconds} s for {} models", all.archetypes.len());
+    }
+}

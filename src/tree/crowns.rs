@@ -272,7 +272,7 @@ fn clumps(
         let grown = dice.between(0.8, 1.15) * size;
         let radius = radius_m * grown * (0.55 + 0.45 * wide) * fuller;
         let room = (radius_m * wide - 0.75 * radius).max(0.0);
-        let inner = 1.0 - looseness * dice.next() * 0.6;
+        let inner = 1.0 - looseness * dice.roll() * 0.6;
         // the topmost clumps gather over the stem
         let reach = room * inner * if share > 0.93 { 0.25 } else { 1.0 };
         let out = level(turn + GOLDEN_RAD * i as f32);

@@ -64,11 +64,9 @@ pub fn downed_log(shape: DownedLogShape, dice: &mut Dice, detail: usize) -> Mesh
     if bare.len() >= 2 {
         sculptor.tube(Material::Wood, bare, sides, false);
     }
-    if detail < 2 {
-        ends(&mut sculptor, &knots, sides, class);
-    }
+    ends(&mut sculptor, &knots, sides, class, shape.kind == DownedLogKind::Uprooted);
     for stub in 0..[STUBS[class], STUBS[class] / 3, 0][detail] {
-        let t = (stub as f32 + dice.next()) / STUBS[class] as f32;
+        let t = (stub as f32 + dice.roll()) / STUBS[class] as f32;
         // stems branch towards their thin end
         let t = if shape.kind == DownedLogKind::Branch { 0.1 + 0.85 * t } else { 0.35 + 0.62 * t };
         let radius = 0.5 * math::lerp(1.0, shape.tip_fraction, t);
@@ -91,11 +89,13 @@ pub fn downed_log(shape: DownedLogShape, dice: &mut Dice, detail: usize) -> Mesh
 }
 
 /// Closes both ends: broken wood.
-fn ends(sculptor: &mut Sculptor, knots: &[Knot], sides: usize, class: usize) {
+fn ends(sculptor: &mut Sculptor, knots: &[Knot], sides: usize, class: usize, thin_alone: bool) {
     let [Some(first), Some(last)] = [knots.first(), knots.last()] else { return };
     let dent = if class >= 3 { 0.8 } else { 0.05 };
     let back = [-1.0, 0.0, 0.0];
-    sculptor.cap(Material::Wood, *first, back, sides, dent);
+    if !thin_alone {
+        sculptor.cap(Material::Wood, *first, back, sides, dent);
+    }
     sculptor.cap(Material::Wood, *last, [1.0, 0.0, 0.0], sides, dent * last.radius);
 }
 

@@ -71,7 +71,7 @@ impl Dice {
     }
 
     /// The next number in 0..1.
-    pub fn next(&mut self) -> f32 {
+    pub fn roll(&mut self) -> f32 {
         self.draws = self.draws.wrapping_add(1);
         let process = Process::ModelShape;
         let key = Key { seed: 0, process, year: self.draws, month: 0, entity: self.entity };
@@ -80,7 +80,7 @@ impl Dice {
 
     /// The next number between two.
     pub fn between(&mut self, low: f32, high: f32) -> f32 {
-        math::lerp(low, high, self.next())
+        math::lerp(low, high, self.roll())
     }
 }
 
@@ -290,7 +290,7 @@ impl Sculptor {
                 let wobble = if notch > 0.0 { dice.between(-0.12, 0.12) } else { 0.0 };
                 let angle = turn + TAU * (i as f32 + wobble) / count as f32;
                 // notches lie higher: branches hang
-                let lift = if is_tip { 0.3 * raggedness * dice.next() } else { 0.3 };
+                let lift = if is_tip { 0.3 * raggedness * dice.roll() } else { 0.3 };
                 let height = math::lerp(rim_m, top_m, lift);
                 let out = level(angle);
                 [axis[0] + reach * radius_m * out[0], axis[1] + reach * radius_m * out[1], height]
@@ -300,14 +300,16 @@ impl Sculptor {
         let tilt = (top_m - rim_m).max(0.0) / radius_m;
         let peak = self.vertex(material, [axis[0], axis[1], top_m], [0.0, 0.0, 1.0]);
         let bottom = self.vertex(material, [axis[0], axis[1], under_m], [0.0, 0.0, -1.0]);
-        let outward = |place: Vector, up: f32| {
+        let facing = |place: Vector, outward: f32, up: f32| {
             let out = unit([place[0] - axis[0], place[1] - axis[1], 0.0]);
-            [tilt.max(0.35) * out[0], tilt.max(0.35) * out[1], up]
+            [outward * out[0], outward * out[1], up]
         };
+        // the underside is hollow
+        let hollow = (under_m - rim_m) / radius_m;
         let upper: Vec<u32> =
-            rim.iter().map(|&p| self.vertex(material, p, outward(p, 1.0))).collect();
+            rim.iter().map(|&p| self.vertex(material, p, facing(p, tilt.max(0.35), 1.0))).collect();
         let lower: Vec<u32> =
-            rim.iter().map(|&p| self.vertex(material, p, outward(p, -1.0))).collect();
+            rim.iter().map(|&p| self.vertex(material, p, facing(p, -hollow, -1.0))).collect();
         self.band(material, &upper, &[peak]);
         self.band(material, &[bottom], &lower);
     }

@@ -128,7 +128,7 @@ fn stand(
     };
     let sides = STEM_SIDES[detail];
     // the highest tooth of the break is the top
-    let teeth: Vec<f32> = (0..sides).map(|_| dice.next()).collect();
+    let teeth: Vec<f32> = (0..sides).map(|_| dice.roll()).collect();
     let highest = teeth.iter().copied().fold(0.0, f32::max);
     if stem.is_broken {
         let end_radius_m = stem.radius_m(shape.standing_fraction);
@@ -227,7 +227,7 @@ fn twig_on(
     let ahead = std::array::from_fn(|k| to[k] - from[k]);
     let start = along(from, at, ahead);
     let length = (ahead[0] * ahead[0] + ahead[1] * ahead[1]).sqrt();
-    let side = if dice.next() < 0.5 { 1.0 } else { -1.0 };
+    let side = if dice.roll() < 0.5 { 1.0 } else { -1.0 };
     let direction = unit([
         0.6 * ahead[0] - side * ahead[1],
         0.6 * ahead[1] + side * ahead[0],
