@@ -82,7 +82,7 @@ impl Example {
         };
         let live = [Material::Bark, Material::Foliage];
         example.instances.archetypes = vec![
-            archetype("gray-pine.tree.forest.s0", 8, live),
+            archetype("coast-live-oak.tree.forest.s0", 8, live),
             archetype("redwood.tree.open.s1", 14, live),
             archetype("redwood.snag.s0", 14, [Material::Wood, Material::Bark]),
             archetype("redwood.downed.s0", 14, [Material::Wood, Material::Soil]),

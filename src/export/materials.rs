@@ -46,6 +46,6 @@ mod tests {
         let example = super::super::example3d::Example::new(1);
         let pine = &example.instances.archetypes[0];
         let name = material_name(pine, Material::Foliage, &example.biome);
-        assert_eq!(name, "gray_pine_foliage_3c5a32");
+        assert_eq!(name, "coast_live_oak_foliage_3c5a32");
     }
 }

@@ -347,7 +347,7 @@ mod tests {
         let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
         assert_eq!(json["points"].as_array().unwrap().len(), 41);
         let first = &json["points"][0];
-        assert_eq!(first["mesh"], "gray-pine.tree.forest.s0");
+        assert_eq!(first["mesh"], "coast-live-oak.tree.forest.s0");
         assert_eq!(first["size_m"].as_f64(), Some(1.0));
         assert_eq!(String::from_utf8(models).unwrap().lines().count(), 5);
         assert_eq!(Flavour::from_name("unreal"), Some(Flavour::Unreal));
