@@ -67,7 +67,12 @@ fn main() -> Result<(), Box<dyn Error>> {
             let lies = archetype.key.contains("downed");
             let wide_m = if lies { sx + sy } else { 2.1 * sx };
             // stumps are not blown up to the size of trees
-            let high_m = if lies { 4.0 * sz } else { (1.05 * sz + 0.3 * sx).max(3.5 * sx.min(sz)) };
+            let is_bare = archetype.key.contains(".bare.");
+            let high_m = match (lies, is_bare) {
+                (true, _) => 4.0 * sz,
+                (false, true) => (1.05 * sz).max(6.0 * sx),
+                (false, false) => 1.05 * sz + 0.3 * sx,
+            };
             let field = Field {
                 left: (column * field_px) as f32,
                 bottom: ((row + 1) * field_px) as f32
@@ -151,7 +156,8 @@ impl Sheet {
     ) {
         let (tilt_sin, tilt_cos) = (libm::sinf(VIEW_RAD), libm::cosf(VIEW_RAD));
         // turned a little, so that root plates and ends are seen
-        let turn = if archetype.key.contains("downed") { 0.5 } else { 0.3_f32 };
+        let lies = archetype.key.contains("downed");
+        let turn = if lies { 0.5 } else { 0.3_f32 };
         let (turn_sin, turn_cos) = (libm::sinf(turn), libm::cosf(turn));
         let turned = |p: [f32; 3]| {
             [turn_cos * p[0] - turn_sin * p[1], turn_sin * p[0] + turn_cos * p[1], p[2]]
@@ -164,6 +170,8 @@ impl Sheet {
                 .map(|p| {
                     let mut p: [f32; 3] = std::array::from_fn(|k| p[k] * scale[k]);
                     p[0] -= field.middle_m;
+                    // what is below the ground is not seen
+                    p[2] = if lies { p[2] } else { p[2].max(0.0) };
                     let [x, y, z] = turned(p);
                     let up = z * tilt_cos + y * tilt_sin;
                     [

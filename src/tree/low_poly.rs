@@ -5,10 +5,13 @@
 //! | model | near | middle | far |
 //! |---|---|---|---|
 //! | tree | 300–800 | ≤ 100 | ≤ 24 |
-//! | seedling, sapling, shrub | ≤ 700 | ≤ 100 | ≤ 24 |
-//! | herb | ≤ 400 | ≤ 100 | ≤ 24 |
-//! | snag | ≤ 800 | ≤ 100 | ≤ 24 |
-//! | downed log | ≤ 300 | ≤ 100 | ≤ 24 |
+//! | seedling, sapling, shrub | 200–800 | ≤ 100 | ≤ 24 |
+//! | herb | 200–400 | ≤ 100 | ≤ 24 |
+//! | snag, stump | 30–600 | ≤ 100 | ≤ 24 |
+//! | downed log | 90–300 | ≤ 100 | ≤ 24 |
+//!
+//! Stems are drawn within 15 % of their diameter at breast height (see [`stem`]), thin ends of downed logs within a tenth of
+//! the thick end. Plants lower than [`LOW_M`] have no classes of stems.
 
 use super::archetype::Archetype;
 use super::atlas::{Atlas, DownedLogMeasures, Fitting, PlantMeasures, SnagMeasures};
