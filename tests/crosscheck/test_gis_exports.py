@@ -1,6 +1,7 @@
 """What `wildwood export` writes for GIS opens in GeoPandas, GDAL, SQLite and laspy as the scene's own tables."""
 
 import json
+import os
 import shutil
 import sqlite3
 import subprocess
@@ -23,7 +24,7 @@ AZIMUTH_ERROR_DEG, END_ERROR_M = 7e-5, {"plants": 0.0, "snags": 0.0, "downed_log
 
 def export(scene, output, *options):
     command = [WILDWOOD, "export", scene, "-o", output, "--quiet", *options]
-    return subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    return subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=300)
 
 
 def exported(scene, output, *options):
@@ -275,6 +276,7 @@ def bad_inputs(scene, folder):
     (folder / "mine").mkdir()
     (folder / "mine" / "a.txt").write_text("mine")
     (folder / "empty").mkdir()
+    os.mkfifo(folder / "pipe")
     new = folder / "new.gpkg"
     return {
         "unknown format": (scene, folder / "a.b", ["--to", "shp"], "shp"),
@@ -297,11 +299,15 @@ def bad_inputs(scene, folder):
         "output folder is a file": (scene, folder / "note.txt" / "a.gpkg", [], "does not exist"),
         "output is the scene": (scene, scene, ["--to", "csv"], "the scene itself"),
         "output is the scene's table": (scene, scene / "plants.parquet", [], "the scene itself"),
+        "crowns without plants": (scene, new, ["--crowns", "--layers", "snags"], "needs plants"),
+        "crowns in a table": (scene, folder / "a.las", ["--crowns"], "is for gpkg"),
+        "output is a pipe": (scene, folder / "pipe", ["--to", "gpkg"], "no regular file"),
+        "output is another text": (scene, folder / "note.txt", ["--to", "iland"], "is no iland"),
         "two tables in a file": (scene, folder / "a.csv", [], "holds one table"),
     }
 
 
-@pytest.mark.parametrize("case", range(21))
+@pytest.mark.parametrize("case", range(25))
 def test_bad_input_is_told_and_leaves_nothing(scene, tmp_path, case):
     name, (of, output, options, word) = list(bad_inputs(scene, tmp_path).items())[case]
     before = {path: path.stat().st_mtime_ns for path in [*tmp_path.rglob("*"), *scene.rglob("*")]}
