@@ -29,6 +29,14 @@ if ! has_gdal; then
   skipped=" (checks against GDAL's programs skipped: install gdal-bin, libgdal-dev and pkg-config)"
 fi
 
+# for files of 3D programs: the validator of glTF, and another reader of it
+if command -v npm >/dev/null; then
+  npm ci --prefix tests/crosscheck/node --silent --no-audit --no-fund ||
+    fail "npm cannot install the checkers of glTF: is the network there?"
+else
+  skipped="$skipped (checks of glTF by its validator skipped: install node and npm)"
+fi
+
 # for the kernels: Vulkan in software, which every machine can have
 has_vulkan() {
   compgen -G '/usr/share/vulkan/icd.d/lvp_icd*.json' >/dev/null && [ -n "$(ldconfig -p 2>/dev/null | grep 'libvulkan\.so\.1')" ]

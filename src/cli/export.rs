@@ -7,6 +7,8 @@ use serde_json::{Map, json};
 
 use super::{Outcome, Shared, import, terminal};
 use crate::export::instances::FeatureTable;
+use crate::export::points::Flavour;
+use crate::export::scene3d::Lod;
 use crate::export::selection::{ExportLayer, Filter};
 use crate::pipeline::export::{self, ExportOptions, ExportRequest, Exported, Origin};
 use crate::pipeline::export_format::ExportFormat;
@@ -51,6 +53,13 @@ pub struct ExportArguments {
     /// What coordinates of 3D formats count from: the selection's middle, so that single precision holds them, or the map's origin.
     #[arg(long, value_enum, default_value_t)]
     origin: OriginArgument,
+    /// Level of detail of models in usd, glb and mitsuba: near, middle or far [default: near up to 20,000 instances, else middle].
+    /// In usd it is the first choice of a variant set that has all.
+    #[arg(long, value_name = "LEVEL", value_parser = level)]
+    lod: Option<Lod>,
+    /// Axes and unit of points: houdini (y up, metres), unity (left-handed, y up, metres) or unreal (left-handed, z up, centimetres).
+    #[arg(long, value_name = "FLAVOUR", default_value = "houdini", value_parser = flavour)]
+    flavour: Flavour,
 }
 
 /// `--origin` on the command line.
@@ -81,6 +90,17 @@ fn layer(text: &str) -> Result<ExportLayer, String> {
     })
 }
 
+fn level(text: &str) -> Result<Lod, String> {
+    Lod::from_name(text)
+        .ok_or_else(|| format!("no such level; give one of {}", Lod::ALL.map(Lod::name).join(", ")))
+}
+
+fn flavour(text: &str) -> Result<Flavour, String> {
+    Flavour::from_name(text).ok_or_else(|| {
+        format!("no such flavour; give one of {}", Flavour::ALL.map(Flavour::name).join(", "))
+    })
+}
+
 fn height(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(height_m) if (0.0..=1000.0).contains(&height_m) => Ok(height_m),
@@ -105,6 +125,8 @@ pub fn run(arguments: &ExportArguments, shared: &Shared, reporter: &Reporter) ->
                 OriginArgument::Local => Origin::Local,
                 OriginArgument::Map => Origin::Map,
             },
+            lod: arguments.lod,
+            flavour: arguments.flavour,
         },
     };
     let exported = export::run(&request, reporter)?;

@@ -11,8 +11,10 @@ use serde_json::json;
 use super::export_format::{ExportFormat, OutputKind};
 use super::export_output::{NOTE, Output, write_error};
 use super::scene_files::{read_deadwood, read_plants};
-use super::{Error, age, close_up, import};
+use super::{Error, age, close_up, export_3d, import};
 use crate::export::instances::FeatureTable;
+use crate::export::points::Flavour;
+use crate::export::scene3d::Lod;
 use crate::export::selection::{self, ExportLayer, Filter, SceneContent, Selection};
 use crate::export::{WriteError, ecoviz, geojson, geopackage, iland, tables, tree_cloud};
 use crate::plants::Plants;
@@ -38,6 +40,10 @@ pub struct ExportOptions {
     pub has_crowns: bool,
     /// What coordinates of 3D formats count from.
     pub origin: Origin,
+    /// Level of detail of models; `None` goes by the number of instances.
+    pub lod: Option<Lod>,
+    /// Axes and unit of lists of points.
+    pub flavour: Flavour,
 }
 
 /// What is to be exported, and where to.
@@ -131,11 +137,11 @@ fn write(
         ExportFormat::Las => tree_cloud::write(to, selection, reporter),
         ExportFormat::ILand => iland::write(to, selection, reporter),
         ExportFormat::EcoViz => ecoviz::write(to, selection, reporter),
-        ExportFormat::Usd => Err(not_yet(format)),
-        ExportFormat::Glb => Err(not_yet(format)),
-        ExportFormat::Tiles3d => Err(not_yet(format)),
-        ExportFormat::Mitsuba => Err(not_yet(format)),
-        ExportFormat::Points => Err(not_yet(format)),
+        ExportFormat::Usd
+        | ExportFormat::Glb
+        | ExportFormat::Tiles3d
+        | ExportFormat::Mitsuba
+        | ExportFormat::Points => export_3d::write(format, selection, options, to, reporter),
     }
 }
 
@@ -150,10 +156,6 @@ fn write_tables(
         [table] if !to.is_dir() => tables::write_file(to, selection, table, format),
         _ => tables::write_folder(to, selection, format, reporter),
     }
-}
-
-fn not_yet(format: ExportFormat) -> WriteError {
-    WriteError::Refused { what: format!("the format {} is not written yet", format.name()) }
 }
 
 /// The format that is asked for, or that the output's ending stands for.

@@ -16,6 +16,7 @@ pub mod close_up;
 pub mod demo;
 pub mod exclusion;
 pub mod export;
+mod export_3d;
 pub mod export_format;
 mod export_output;
 pub mod gresolet;
