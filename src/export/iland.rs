@@ -19,6 +19,18 @@ use crate::species::Form;
 /// Least height of a tree in iLand; lower ones are saplings, of which it keeps cohorts (Seidl et al. 2012).
 const LEAST_HEIGHT_M: f32 = 4.0;
 
+/// Plants of a selection that are single trees in iLand, in the order of their ids.
+pub fn trees(selection: &Selection) -> Vec<usize> {
+    let Selection { plants, biome, .. } = selection;
+    let is_tree = |plant: &usize| {
+        let form = biome.species[usize::from(plants.species[*plant])].form;
+        matches!(form, Form::Tree | Form::ShrubTree) && plants.height_m[*plant] >= LEAST_HEIGHT_M
+    };
+    let mut trees: Vec<usize> = (0..plants.len()).filter(is_tree).collect();
+    trees.sort_unstable_by_key(|tree| plants.id[*tree]);
+    trees
+}
+
 /// Writes a file.
 ///
 /// # Errors
@@ -26,11 +38,7 @@ const LEAST_HEIGHT_M: f32 = 4.0;
 pub fn write(path: &Path, selection: &Selection, reporter: &Reporter) -> Result<(), WriteError> {
     let Selection { plants, biome, window, frame, .. } = selection;
     let codes = species_code::codes(biome)?;
-    let is_tree = |plant: &usize| {
-        let form = biome.species[usize::from(plants.species[*plant])].form;
-        matches!(form, Form::Tree | Form::ShrubTree) && plants.height_m[*plant] >= LEAST_HEIGHT_M
-    };
-    let mut trees: Vec<usize> = (0..plants.len()).filter(is_tree).collect();
+    let trees = trees(selection);
     if trees.is_empty() {
         let what = format!(
             "none of {} plants is a tree of {LEAST_HEIGHT_M} m or more, as iLand's are",
@@ -38,7 +46,6 @@ pub fn write(path: &Path, selection: &Selection, reporter: &Reporter) -> Result<
         );
         return Err(WriteError::Refused { what });
     }
-    trees.sort_unstable_by_key(|tree| plants.id[*tree]);
     let left_out = plants.len() - trees.len();
     if left_out > 0 {
         let text = format!(

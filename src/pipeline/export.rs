@@ -117,7 +117,11 @@ pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Err
     }
     reporter.check_cancelled()?;
     let bytes = output.commit()?;
-    let rows = selection.tables().into_iter().map(|table| (table, selection.rows(table)));
+    let written = |table: FeatureTable| match format {
+        ExportFormat::ILand => iland::trees(&selection).len(),
+        _ => selection.rows(table),
+    };
+    let rows = selection.tables().into_iter().map(|table| (table, written(table)));
     Ok(Exported { format, rows: rows.collect(), bytes })
 }
 
