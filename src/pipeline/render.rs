@@ -35,7 +35,7 @@ use crate::scene::{self, Manifest};
 /// Sizes a picture may have each way, pixels. chosen: below, nothing is told apart; above, memory runs out.
 pub const SIZES_PX: std::ops::RangeInclusive<u32> = 16..=8192;
 /// Most samples of a picture. chosen: some 2 GiB of light.
-const MOST_SAMPLES: u64 = 120_000_000;
+const MOST_SAMPLES: u64 = 80_000_000;
 /// Width of a section, m, where the scene is wider. chosen: a hand's breadth of trees, each a finger tall.
 const SECTION_WIDTH_M: f64 = 100.0;
 /// Depth of a section. chosen: as foresters lay transects, 10–20 m.
@@ -275,7 +275,7 @@ fn read(
     let fields = [
         field(folder, "grass.tif", 0, &whole_m)?,
         field(folder, "litterfall.tif", 0, &whole_m)?,
-        driest_month(folder, &whole_m)?,
+        driest_month(folder, manifest, &whole_m)?,
     ];
     reporter.check_cancelled()?;
     let mut filter = request.filter.clone();
@@ -320,8 +320,13 @@ fn field(
 }
 
 /// How dry grass is in July, or in January south of the equator: 0 green to 1 straw.
-fn driest_month(folder: &Path, elevation_m: &Grid<f32>) -> Result<Option<Grid<f32>>, Error> {
-    let moisture_mm = field(folder, "moisture.tif", 6, elevation_m)?;
+fn driest_month(
+    folder: &Path,
+    manifest: &Manifest,
+    elevation_m: &Grid<f32>,
+) -> Result<Option<Grid<f32>>, Error> {
+    let band = if manifest.scene.latitude_rad < 0.0 { 0 } else { 6 };
+    let moisture_mm = field(folder, "moisture.tif", band, elevation_m)?;
     Ok(moisture_mm.map(|grid| {
         let dryness = |mm: &f32| math::smoothstep((GREEN_MM - mm) / (GREEN_MM - STRAW_MM));
         let values = grid.values().iter().map(dryness).collect();

@@ -104,7 +104,10 @@ pub fn draw(
     let lump_reach_m = look.lumpiness * crown_radius_m;
     let lump_offset = vec3(f32::from(seed as u8), f32::from((seed >> 8) as u8), 0.0); // low bytes
 
-    let is_open = is_leafy && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
+    // sections and maps stay closed: paper would shine through
+    let is_open = is_leafy
+        && camera.is_perspective()
+        && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
     let cover = if is_open { OPEN_COVER } else { COVER };
     let leaf_px = leaf_m * px_per_m;
     let inset_m = if is_leafy { 0.6 * fringe_m + 0.45 * lump_reach_m } else { 0.0 };

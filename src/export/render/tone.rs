@@ -6,8 +6,9 @@ use super::noise;
 use super::vector::Vec3;
 use crate::math;
 
-/// Power of light around grey before the curve. chosen: leaves of a forest are much alike; a little more contrast tells them apart.
-const CONTRAST: f32 = 1.22;
+/// Powers of light below and above grey before the curve. chosen: leaves of a forest are much alike; a little more contrast tells them apart.
+const SHADE_CONTRAST: f32 = 1.22;
+const SUN_CONTRAST: f32 = 1.06;
 /// A grey card's light, which contrast leaves as it is.
 const GREY: f32 = 0.18;
 /// Steps of the curve's table. chosen: finer than 8 bits anywhere.
@@ -41,6 +42,12 @@ pub fn film(light: f32) -> f32 {
     ((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)).clamp(0.0, 1.0)
 }
 
+/// Light with more contrast in the shade, and a little more in the sun, where leaves would be bleached.
+fn contrasted(light: f32) -> f32 {
+    let power = if light < GREY { SHADE_CONTRAST } else { SUN_CONTRAST };
+    GREY * math::powf(light / GREY, power)
+}
+
 /// Film and sRGB coding by light, looked up.
 pub struct Curve {
     table: Vec<f32>,
@@ -52,7 +59,7 @@ impl Default for Curve {
             // squares: most steps where it is dark
             let share = i as f32 / STEPS as f32;
             let light = share * share * TABLE_END;
-            let v = film(GREY * math::powf(light / GREY, CONTRAST));
+            let v = film(contrasted(light));
             if v <= 0.003_130_8 { v * 12.92 } else { 1.055 * math::powf(v, 1.0 / 2.4) - 0.055 }
         });
         Self { table: table.collect() }
@@ -128,7 +135,7 @@ mod tests {
         assert!(codes.windows(2).all(|pair| pair[1] >= pair[0]));
         assert!(codes[0] == 0.0 && codes[159] > 0.995, "{codes:?}");
         for light in [0.003_f32, 0.05, 0.4, 2.5] {
-            let v = film(GREY * math::powf(light / GREY, CONTRAST));
+            let v = film(contrasted(light));
             let exact =
                 if v <= 0.003_130_8 { v * 12.92 } else { 1.055 * math::powf(v, 1.0 / 2.4) - 0.055 };
             assert!((curve.code(light) - exact).abs() < 1e-3);
