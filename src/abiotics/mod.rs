@@ -63,6 +63,25 @@ pub struct AbioticMaps {
 
 /// The abiotic maps of a terrain in a climate.
 ///
+/// ```
+/// use wildwood::abiotics::{self, Params};
+/// use wildwood::raster::Grid;
+/// use wildwood::{progress::Reporter, species::Biome, terrain::Terrain};
+///
+/// // a valley from north to south, its sides as steep as one in two
+/// let elevation_m = Grid::from_fn(20, 41, 2.0, |cell| 300.0 + cell.col.abs_diff(20) as f32);
+/// let latitude_rad = 38.5_f64.to_radians();
+/// let terrain = Terrain { elevation_m, latitude_rad, grid_convergence_rad: 0.0 };
+/// let climate = Biome::builtin("sonoma")?.climate;
+/// let maps = abiotics::run(&terrain, &climate, &Params::default(), &Reporter::silent())?;
+///
+/// let january_mm = maps.moisture_mm.month(0);
+/// let (floor, side) = (10 * 41 + 20, 10 * 41 + 5);
+/// assert!(january_mm[floor] > january_mm[side]);
+/// assert!((maps.slope_rad.values()[side] - 0.5_f32.atan()).abs() < 1e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`Cancelled`] once the run was cancelled.
 pub fn run(

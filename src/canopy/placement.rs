@@ -93,7 +93,7 @@ pub enum PlacementError {
     },
 }
 
-/// Places trees.
+/// Places trees. The [crate's example](crate) comes by here, on the ground that a canopy height model makes.
 ///
 /// # Errors
 /// If the run was cancelled, or the renderer's device failed.

@@ -230,6 +230,39 @@ impl Instances {
     /// Every plant, snag and downed log, as models of [`LowPolyAtlas`].
     ///
     /// `ground` holds elevations; positions count from `origin`, map coordinates and an elevation.
+    ///
+    /// ```
+    /// use wildwood::export::instances::Instances;
+    /// use wildwood::plants::deadwood::{DownedLogs, Snags};
+    /// use wildwood::plants::{Layer, Plants};
+    /// use wildwood::{raster::Grid, species::Biome};
+    ///
+    /// // a redwood on level ground of 40 m in local metres, whose south-west corner is 0, 0
+    /// let biome = Biome::builtin("sonoma")?;
+    /// let redwood = biome.species_index("redwood").ok_or("no redwood")?;
+    /// let plants = Plants {
+    ///     id: vec![1],
+    ///     species: vec![redwood as u16],
+    ///     layer: vec![Layer::Canopy],
+    ///     east_m: vec![12.0],
+    ///     north_m: vec![8.0],
+    ///     z_m: vec![300.0],
+    ///     height_m: vec![30.0],
+    ///     crown_radius_m: vec![4.0],
+    ///     dbh_m: vec![0.8],
+    ///     age_years: vec![60.0],
+    ///     vigor: vec![1.0],
+    /// };
+    /// let (snags, downed_logs) = (Snags::default(), DownedLogs::default());
+    /// let ground = Grid::from_fn(20, 20, 2.0, |_| 300.0);
+    /// let origin = [20.0, 20.0, 300.0];
+    /// let forest = Instances::of(&plants, &snags, &downed_logs, &ground, &biome, origin);
+    ///
+    /// let group = &forest.groups[0];
+    /// assert_eq!((group.row[0], group.position_m[0]), (0, [-8.0, -12.0, 0.0]));
+    /// assert_eq!(usize::from(forest.archetypes[group.archetype].species), redwood);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn of(
         plants: &Plants,
         snags: &Snags,

@@ -84,6 +84,55 @@ struct Unplaced {
 
 /// Undergrowth of a scene, cells in their order.
 ///
+/// ```
+/// use wildwood::canopy::site::Site;
+/// use wildwood::plants::{Layer, Plants};
+/// use wildwood::raster::{Grid, Mask};
+/// use wildwood::simulation::Parameters;
+/// use wildwood::undergrowth::{Conditions, Statistics, Synthesis, Trees, sampling};
+/// use wildwood::{progress::Reporter, species::Biome};
+///
+/// // a redwood in the middle of level ground of 40 m
+/// let biome = Biome::builtin("sonoma")?;
+/// let redwood = biome.species_index("redwood").ok_or("no redwood")?;
+/// let canopy = Plants {
+///     id: vec![1],
+///     species: vec![redwood as u16],
+///     layer: vec![Layer::Canopy],
+///     east_m: vec![20.0],
+///     north_m: vec![20.0],
+///     z_m: vec![300.0],
+///     height_m: vec![30.0],
+///     crown_radius_m: vec![4.0],
+///     dbh_m: vec![0.8],
+///     age_years: vec![60.0],
+///     vigor: vec![1.0],
+/// };
+/// let level = Grid::from_fn(40, 40, 1.0, |_| 0.0);
+/// let everywhere = |value: f32| level.with_values(vec![value; 40 * 40]);
+/// let site = Site {
+///     sun_h: everywhere(8.5),
+///     moisture_mm: everywhere(120.0),
+///     temperature_c: everywhere(15.0),
+///     slope_rad: everywhere(0.1),
+/// };
+///
+/// let parameters = Parameters::undergrowth(&biome);
+/// let undergrowth = sampling::sample(
+///     &Synthesis {
+///         conditions: &Conditions::under(&canopy, &site, &biome, &parameters),
+///         allowed: &Mask::all_valid(40 * 40),
+///         trees: &Trees::of(&canopy, 40.0),
+///         statistics: &Statistics::builtin(&biome)?,
+///         biome: &biome,
+///         seed: 1,
+///     },
+///     &Reporter::silent(),
+/// )?;
+/// assert!(undergrowth.disks.len() > 100);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`Cancelled`] once the run was cancelled.
 pub fn sample(synthesis: &Synthesis<'_>, reporter: &Reporter) -> Result<Undergrowth, Cancelled> {

@@ -35,6 +35,31 @@ pub struct Site<'a> {
 }
 
 /// A forest: what lives, what is dead, and what happened.
+///
+/// ```
+/// use wildwood::simulation::deadwood::DecayParameters;
+/// use wildwood::simulation::forest::{Forest, Site};
+/// use wildwood::simulation::{Parameters, Plot};
+/// use wildwood::terrain::generate::{GenerateParams, generate};
+/// use wildwood::{abiotics, progress::Reporter, species::Biome};
+///
+/// let (reporter, biome) = (Reporter::silent(), Biome::builtin("pyrenees")?);
+/// let heights = GenerateParams { relief_m: 10.0, lowest_m: 1250.0, ..Default::default() };
+/// let ground = GenerateParams { rows: 32, cols: 32, ..heights };
+/// let terrain = generate(&ground, &reporter)?;
+/// let maps = abiotics::run(&terrain, &biome.climate, &Default::default(), &reporter)?;
+///
+/// // bare ground, but for rivers, on which seeds come in from around
+/// let parameters = Parameters::forest(&biome);
+/// let plot = Plot::open(&maps, maps.river.values(), &biome, &parameters);
+/// let site = Site { plot, elevation_m: &terrain.elevation_m, biome: &biome };
+/// let mut forest = Forest::new(site, parameters, DecayParameters::peytavie2024(), 1);
+/// (0..12).for_each(|_| forest.live_a_year(&[]));
+///
+/// assert_eq!(forest.year(), 12);
+/// assert!(forest.community().len() > 100);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone)]
 pub struct Forest {
     pub(super) biome: Biome,

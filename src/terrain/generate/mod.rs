@@ -54,6 +54,17 @@ impl Default for GenerateParams {
 /// A terrain with dendritic valleys and one main river that leaves the map, in local metres.
 /// Equal parameters give equal bits, whatever the number of threads.
 ///
+/// ```
+/// use wildwood::progress::Reporter;
+/// use wildwood::terrain::generate::{GenerateParams, generate};
+///
+/// let hills = GenerateParams { rows: 40, cols: 60, relief_m: 30.0, ..Default::default() };
+/// let terrain = generate(&hills, &Reporter::silent())?;
+/// let (lowest_m, highest_m) = terrain.elevation_m.range().ok_or("no cells")?;
+/// assert!((highest_m - lowest_m - 30.0).abs() < 0.01);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`Cancelled`] once the run was cancelled.
 ///
