@@ -261,14 +261,25 @@ fn spot_score(here: Vec3, azimuth_rad: f32, near: &[&Neighbour], ground: &Ground
                 }
             }
             FeatureTable::Snags => {
+                if height_m > 0.5 && distance_m - neighbour.radius_m < 1.2 {
+                    score -= 6.0;
+                }
                 if ahead > 0.85 && distance_m > 4.0 && distance_m < 25.0 && height_m > 2.0 {
                     dead += 0.7;
                 }
             }
             FeatureTable::DownedLogs => {
+                // nor a trunk that one stands on, or that hides the rest
+                let along =
+                    vec3(math::sin(neighbour.azimuth_rad), math::cos(neighbour.azimuth_rad), 0.0);
+                let nearest =
+                    level + along * (-level.dot(along)).clamp(0.0, 2.0 * neighbour.radius_m);
+                if nearest.length() < 1.5 + 4.0 * height_m {
+                    score -= 5.0;
+                }
                 let is_long = neighbour.radius_m > 1.5 && height_m > 0.18;
                 if ahead > 0.85 && distance_m > 3.5 && distance_m < 15.0 && is_long {
-                    // a log across the view is seen best
+                    // one across the view is seen best
                     let across = math::sin(neighbour.azimuth_rad - azimuth_rad).abs();
                     dead += (0.4 + height_m.min(0.8)) * (0.4 + 0.6 * across);
                 }
