@@ -86,18 +86,16 @@ fn check(path: &Path, format: ExportFormat, kind: OutputKind) -> Result<(), Erro
     check_home(path)?;
     let Ok(found) = fs::metadata(path) else { return Ok(()) };
     let refuse = |why: String| refuse(path, &why);
-    match found.is_dir() {
-        false => refuse(format!("is a file where {name} is a folder; name a folder with -o")),
-        true => {
-            let note = fs::read_to_string(path.join(NOTE)).unwrap_or_default();
-            let note: serde_json::Value = serde_json::from_str(&note).unwrap_or_default();
-            let is_empty = fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
-            if is_empty || note["format"] == name {
-                return Ok(());
-            }
-            refuse(format!("exists and is no export to {name}; name a new folder with -o"))
-        }
+    if !found.is_dir() {
+        return refuse(format!("is a file where {name} is a folder; name a folder with -o"));
     }
+    let note = fs::read_to_string(path.join(NOTE)).unwrap_or_default();
+    let note: serde_json::Value = serde_json::from_str(&note).unwrap_or_default();
+    let is_empty = fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+    if is_empty || note["format"] == name {
+        return Ok(());
+    }
+    refuse(format!("exists and is no export to {name}; name a new folder with -o"))
 }
 
 /// Refuses a file to be written that has no folder, or in whose place something of another kind is.
