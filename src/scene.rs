@@ -17,7 +17,8 @@ use crate::terrain::Terrain;
 
 /// Version of the folder's layout; folders of another version are refused.
 pub const FORMAT: u32 = 1;
-const MANIFEST: &str = "scene.toml";
+/// What a scene folder says of itself.
+pub const MANIFEST: &str = "scene.toml";
 /// Files that users edit and give back: a run that does not make them leaves them where they are.
 const EDITED: [&str; 2] = ["sketch.tif", "footprint.tif"];
 /// How `scene.toml` calls [`Crs::Local`].
@@ -31,7 +32,7 @@ const STAGING_PREFIX: &str = ".wildwood-partial-";
 pub enum Error {
     #[error("{path}: cannot write the scene: {source}; check free space and permissions", path = path.display())]
     Write { path: PathBuf, source: io::Error },
-    #[error("{path}: cannot read the scene: {source}; check the disk and permissions", path = path.display())]
+    #[error("{path}: cannot read the scene: {source}; {hint}", path = path.display(), hint = reading_hint(source))]
     Read { path: PathBuf, source: io::Error },
     #[error("{path}: exists and is not a scene folder; name a new or empty folder with -o", path = path.display())]
     NotAScene { path: PathBuf },
@@ -44,7 +45,25 @@ pub enum Error {
 impl Error {
     /// Whether the machine failed (exit code 1) rather than the input (exit code 2).
     pub fn is_machine_failure(&self) -> bool {
-        matches!(self, Self::Write { .. } | Self::Read { .. })
+        match self {
+            Self::Write { .. } => true,
+            Self::Read { source, .. } => !is_missing(source),
+            _ => false,
+        }
+    }
+}
+
+/// Whether a file of the scene is not there, or something else is in its place: for the user to mend.
+fn is_missing(source: &io::Error) -> bool {
+    use io::ErrorKind::{IsADirectory, NotADirectory, NotFound};
+    matches!(source.kind(), NotFound | IsADirectory | NotADirectory)
+}
+
+fn reading_hint(source: &io::Error) -> &'static str {
+    if is_missing(source) {
+        "put the file back, or make the scene again in a new folder"
+    } else {
+        "check the disk and permissions"
     }
 }
 

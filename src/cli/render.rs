@@ -70,7 +70,7 @@ pub struct RenderArguments {
     )]
     sun: Option<Vec<f64>>,
     /// How thick the haze is: 0 none, 1 a clear day, 10 mist.
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = haze)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = haze, allow_hyphen_values = true)]
     haze: f32,
     /// Part of the scene, in map coordinates.
     #[arg(

@@ -274,7 +274,7 @@ pub fn html(input: &ReportInput, figures: &[Figure]) -> String {
             STANDARD.encode(png)
         );
     }
-    let _ = write!(page, "<footer>wildwood {}</footer></body></html>\n", env!("CARGO_PKG_VERSION"));
+    let _ = writeln!(page, "<footer>wildwood {}</footer></body></html>", env!("CARGO_PKG_VERSION"));
     page
 }
 
@@ -382,6 +382,9 @@ fn write_species(page: &mut String, scene: &SceneContent) {
     page.push_str("</table>");
 }
 
+/// A species' name, colour and value in each class.
+type Stacked<'a> = (&'a str, [u8; 3], Vec<f64>);
+
 /// Bars of plants that count, by a measure in equal classes, stacked by species.
 fn histogram<'a>(
     scene: &'a SceneContent,
@@ -389,7 +392,7 @@ fn histogram<'a>(
     measure: &[f32],
     class: f32,
     per: f64,
-) -> (Vec<String>, Vec<(&'a str, [u8; 3], Vec<f64>)>) {
+) -> (Vec<String>, Vec<Stacked<'a>>) {
     const MOST_CLASSES: usize = 30;
     let plants = &scene.plants;
     let class_of = |i: usize| ((measure[i] / class) as usize).min(MOST_CLASSES - 1);

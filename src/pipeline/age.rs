@@ -10,6 +10,7 @@ use super::scene_files::read_plants_of;
 use super::{Error, close_up, grow, import, undergrowth};
 use crate::abiotics::{self, AbioticMaps};
 use crate::canopy::site::Site as MeanSite;
+use crate::io::{self, ParseError};
 use crate::plants::Plants;
 use crate::plants::deadwood::GrowthRecord;
 use crate::progress::{Reporter, Warning};
@@ -130,21 +131,27 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
     let biome = Biome::builtin(&manifest.scene.biome)?;
     let schedule = read_schedule(request, &biome)?;
     let folder = match &request.output {
-        Some(output) => {
-            manifest = copied(&request.folder, output, &manifest)?;
-            output.clone()
+        Some(output) => output.clone(),
+        None => request.folder.clone(),
+    };
+    // a copy is made once all that it is made from has been read
+    let from = match matching(&folder, &manifest, request)? {
+        Some(there) => {
+            manifest = there;
+            folder.clone()
         }
         None => request.folder.clone(),
     };
+    let is_copied = from != folder;
     // the scene's own seed stays that of what was grown
     let seed = request.seed.unwrap_or(manifest.scene.seed);
 
     // what the forest depends on
-    let kept = start_file(&folder, &manifest)?;
+    let kept = start_file(&from, &manifest)?;
     let start_hash = match kept.filter(|_| !request.is_bare) {
         Some(name) => {
-            scene::hash_file(&folder.join(name))
-                .map_err(|source| scene::Error::Read { path: folder.join(name), source })?
+            scene::hash_file(&from.join(name))
+                .map_err(|source| scene::Error::Read { path: from.join(name), source })?
                 .0
         }
         None => "bare ground".to_owned(),
@@ -154,7 +161,7 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
     else {
         return usage(format!(
             "{}: holds no terrain and abiotic maps; make them with wildwood import",
-            folder.display()
+            from.display()
         ));
     };
     let (parameters, decay) = (Parameters::forest(&biome), DecayParameters::peytavie2024());
@@ -166,22 +173,28 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
         &format!("{biome:?} {seed} {parameters:?} {decay:?} {schedule:?} {:?}", request.growth_of),
     ]);
     let stage_key = import::key(&[&key, &request.years.to_string()]);
-    if manifest.is_current(&folder, STAGE, &stage_key)? {
+    if manifest.is_current(&from, STAGE, &stage_key)? {
+        if is_copied {
+            manifest = copied(&from, &folder, &manifest)?;
+        }
         return Ok((manifest, folder));
     }
 
     // live
-    let ground = Ground::read(&folder, &manifest, biome, reporter)?;
+    let ground = Ground::read(&from, &manifest, biome, reporter)?;
     let frame = Arc::clone(ground.terrain.elevation_m.frame());
     // plants of the scene stay on file, whatever the forest begins with
     let plants = match kept {
-        Some(name) => read_plants_of(&folder.join(name), &ground.biome, &frame)?,
+        Some(name) => read_plants_of(&from.join(name), &ground.biome, &frame)?,
         None => Plants::default(),
     };
     if let Some(id) = plants.id.iter().find(|id| **id >= MOST_ID) {
         return usage(format!(
             "plant {id}: seedlings get ids above all others, and there is no room above 2⁶²; number the plants anew"
         ));
+    }
+    if is_copied {
+        manifest = copied(&from, &folder, &manifest)?;
     }
     let nobody = Plants::default();
     let begins_with = if request.is_bare { &nobody } else { &plants };
@@ -246,8 +259,12 @@ fn read_schedule(request: &AgeRequest, biome: &Biome) -> Result<Schedule, Error>
         Script::None => return Ok(Schedule::default()),
         Script::Text(text) => (text.clone(), "the script".to_owned()),
         Script::File(path) => {
-            let text = fs::read_to_string(path)
-                .map_err(|e| Error::Usage { what: format!("{}: {e}", path.display()) })?;
+            let text = fs::read_to_string(path).map_err(|source| match source.kind() {
+                std::io::ErrorKind::InvalidData => {
+                    ParseError::new("it is no text", "give a script of events in TOML").at(path)
+                }
+                _ => io::Error::Read { path: path.clone(), source },
+            })?;
             (text, path.display().to_string())
         }
     };
@@ -286,8 +303,15 @@ fn terrain_key(manifest: &Manifest) -> Option<String> {
     Some(format!("{} {:?}", entry.key, entry.files.get("terrain.tif")))
 }
 
-/// A copy of a scene in another folder, or the one that is there, if it is of the same ground.
-fn copied(from: &Path, to: &Path, manifest: &Manifest) -> Result<Manifest, Error> {
+/// The scene that is in the output's folder already, if it is of the same ground.
+fn matching(
+    to: &Path,
+    manifest: &Manifest,
+    request: &AgeRequest,
+) -> Result<Option<Manifest>, Error> {
+    if request.output.is_none() {
+        return Ok(None);
+    }
     let key_of = |manifest: &Manifest, stage: &str| {
         manifest.stages.get(stage).map(|entry| entry.key.clone())
     };
@@ -298,7 +322,7 @@ fn copied(from: &Path, to: &Path, manifest: &Manifest) -> Result<Manifest, Error
         let is_same_ground = terrain_key(&there) == terrain_key(manifest)
             && there.scene.biome == manifest.scene.biome;
         if is_same && is_same_ground {
-            return Ok(there);
+            return Ok(Some(there));
         }
         let what = format!(
             "-o {}: holds another scene; give a folder that does not exist yet",
@@ -306,6 +330,11 @@ fn copied(from: &Path, to: &Path, manifest: &Manifest) -> Result<Manifest, Error
         );
         return Err(Error::Usage { what });
     }
+    Ok(None)
+}
+
+/// A copy of a scene in another folder.
+fn copied(from: &Path, to: &Path, manifest: &Manifest) -> Result<Manifest, Error> {
     let mut transaction = Transaction::begin(to)?;
     for name in manifest.files() {
         let path = from.join(name);

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::export_format::{ExportFormat, OutputKind};
-use super::export_output::{NOTE, Output, write_error};
+use super::export_output::{NOTE, Output, check_apart, write_error};
 use super::scene_files::{read_deadwood, read_plants};
 use super::{Error, age, close_up, export_3d, import};
 use crate::export::instances::FeatureTable;
@@ -19,8 +19,8 @@ use crate::export::selection::{self, ExportLayer, Filter, SceneContent, Selectio
 use crate::export::{WriteError, ecoviz, geojson, geopackage, iland, tables, tree_cloud};
 use crate::plants::Plants;
 use crate::plants::table::TableFormat;
-use crate::progress::Reporter;
-use crate::scene::Manifest;
+use crate::progress::{Reporter, Warning};
+use crate::scene::{self, Manifest};
 use crate::species::Biome;
 
 /// What coordinates of 3D formats count from.
@@ -83,7 +83,7 @@ pub fn run(request: &ExportRequest, reporter: &Reporter) -> Result<Exported, Err
         return Err(Error::Usage { what });
     }
     let manifest = read_manifest(&request.folder)?;
-    check_apart(request, &manifest)?;
+    check_apart(&request.output, &request.folder, &manifest)?;
     let output = Output::begin(&request.output, format)?;
     let selection = select(request, &manifest, format, reporter)?;
     if let (OutputKind::File, tables @ [_, _, ..]) =
@@ -175,23 +175,6 @@ fn format_of(request: &ExportRequest) -> Result<ExportFormat, Error> {
     })
 }
 
-/// Refuses to take the place of a file of the scene, or of the scene itself.
-fn check_apart(request: &ExportRequest, manifest: &Manifest) -> Result<(), Error> {
-    let canonical = |path: &Path| fs::canonicalize(path).ok();
-    let Some(output) = canonical(&request.output) else { return Ok(()) };
-    let is_scene = canonical(&request.folder).is_some_and(|folder| {
-        output == folder || manifest.files().any(|file| output == folder.join(file))
-    });
-    if is_scene {
-        let what = format!(
-            "{}: belongs to the scene itself; name another output with -o",
-            request.output.display()
-        );
-        return Err(Error::Usage { what });
-    }
-    Ok(())
-}
-
 /// Reads the scene and cuts it.
 fn select(
     request: &ExportRequest,
@@ -230,6 +213,7 @@ pub(super) fn read_scene(
     reporter.check_cancelled()?;
     stage.advance(1);
     let frame = elevation_m.frame();
+    check_whole(folder, manifest, reporter)?;
     let plants = if folder.join(close_up::PLANTS_FILE).exists() {
         read_plants(folder, &biome, frame)?
     } else {
@@ -243,6 +227,38 @@ pub(super) fn read_scene(
     let years = years.and_then(toml::Value::as_integer).unwrap_or(0);
     let years = u32::try_from(years).unwrap_or(0);
     Ok(SceneContent { name, biome, elevation_m, plants, deadwood, years })
+}
+
+/// Tables of a scene that others may edit.
+const TABLES: [&str; 3] = [close_up::PLANTS_FILE, "snags.parquet", "downed_logs.parquet"];
+
+/// Refuses a scene that lost a table, and tells of tables that are not the ones it was written with.
+fn check_whole(folder: &Path, manifest: &Manifest, reporter: &Reporter) -> Result<(), Error> {
+    for (file, recorded) in manifest.stages.values().flat_map(|stage| &stage.files) {
+        let path = folder.join(file);
+        if !TABLES.contains(&file.as_str()) {
+            continue;
+        }
+        match scene::hash_file(&path) {
+            Ok((hash, _)) if hash == *recorded => {}
+            Ok(_) => {
+                let text = format!(
+                    "{}: is not the file that the scene was written with, but edited since or of another scene; it is taken as it is",
+                    path.display()
+                );
+                reporter.warn(Warning::Other { text });
+            }
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+                let what = format!(
+                    "{}: is gone; put it back, or grow or age the forest again",
+                    path.display()
+                );
+                return Err(Error::Usage { what });
+            }
+            Err(source) => return Err(crate::io::Error::Read { path, source }.into()),
+        }
+    }
+    Ok(())
 }
 
 /// The filter, with the layers that the format can hold where none are asked for.

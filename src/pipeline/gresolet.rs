@@ -42,6 +42,11 @@ pub fn run(
     pictures: Option<&PathBuf>,
     reporter: &Reporter,
 ) -> Result<Vec<Finding>, Error> {
+    // told now, not after minutes
+    if let Some(file) = pictures.filter(|path| path.exists() && !path.is_dir()) {
+        let what = format!("{}: is a file; name a folder with --pictures", file.display());
+        return Err(Error::Usage { what });
+    }
     let biome = Biome::builtin("pyrenees")?;
     let request = ImportRequest {
         biome: biome.key.clone(),

@@ -2,13 +2,15 @@
 //!
 //! Reading order: [`RenderRequest`], [`run`]. All work is done on the CPU.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
+use tempfile::TempDir;
 
 use super::Error;
 use super::export::read_scene;
-use super::export_output::write_error;
+use super::export_output::{check_apart, check_file, write_error};
 use crate::abiotics::solar;
 use crate::export::canvas::{Canvas, Rect};
 use crate::export::furniture;
@@ -48,6 +50,8 @@ const LEAST_SUN_RAD: f64 = 0.35;
 /// Moisture of the driest month at which grass is straw, and at which it is green, mm. chosen: Sonoma's open hills in July against its woods.
 const STRAW_MM: f32 = 18.0;
 const GREEN_MM: f32 = 75.0;
+/// What PNG files begin with.
+const PNG_HEAD: &[u8] = b"\x89PNG\r\n\x1a\n";
 
 /// From where one looks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -133,6 +137,10 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
         usage(format!("{folder}: no scene there; name a folder from wildwood grow"))
     })?;
     let frames = frame_files(request)?;
+    for file in &frames {
+        check_apart(file, &request.folder, &manifest)?;
+        check_file(file, "PNG", |head| head.starts_with(PNG_HEAD))?;
+    }
     let (selection, whole_m, fields) = read(request, &manifest, reporter)?;
     let stage = reporter.stage("render", frames.len() as u64);
     let middle = selection.elevation_m.frame().middle();
@@ -159,7 +167,7 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
     let sun = sun(request, &manifest);
     let sky = Sky::new(sun, request.haze);
     let mut lighting: Option<Lighting> = None;
-    let mut done = Vec::new();
+    let mut pictures = Pictures::begin(&frames)?;
     let mut pictured = None;
     let turn = request.turntable.is_some();
     for (number, file) in frames.iter().enumerate() {
@@ -180,8 +188,7 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
         let picture = take(request, &world, &light, &camera);
         let png = preview::encode_png(&picture).map_err(std::io::Error::other);
         let png = png.map_err(|source| write_error(file, source))?;
-        write(file, &png)?;
-        done.push(file.clone());
+        pictures.write(number, &png)?;
         stage.advance(1);
         reporter.check_cancelled()?;
         pictured = Some(camera);
@@ -189,8 +196,9 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
     }
     let camera =
         pictured.ok_or_else(|| usage("--turntable: no frames; give 1 or more".to_owned()))?;
+    pictures.commit()?;
     Ok(Rendered {
-        files: done,
+        files: frames,
         instances: instances.len(),
         eye: [
             origin[0] + f64::from(camera.eye.x),
@@ -229,7 +237,7 @@ fn check(request: &RenderRequest) -> Result<(), Error> {
     Ok(())
 }
 
-/// Files of the frames; their folder must be there.
+/// Files of the frames.
 fn frame_files(request: &RenderRequest) -> Result<Vec<PathBuf>, Error> {
     let output = &request.output;
     let usage = |what: &str| Error::Usage { what: format!("{}: {what}", output.display()) };
@@ -237,27 +245,43 @@ fn frame_files(request: &RenderRequest) -> Result<Vec<PathBuf>, Error> {
     if !is_png {
         return Err(usage("pictures are PNG files; give a name that ends in .png"));
     }
-    if output.is_dir() {
-        return Err(usage("a folder of that name is there; give another name"));
-    }
-    let home = output.parent().filter(|home| !home.as_os_str().is_empty());
-    if home.is_some_and(|home| !home.is_dir()) {
-        return Err(usage("its folder does not exist; make it first"));
-    }
     let Some(frames) = request.turntable else { return Ok(vec![output.clone()]) };
     let stem = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let name = |number: u16| output.with_file_name(format!("{stem}_{number:03}.png"));
     Ok((0..frames).map(name).collect())
 }
 
-/// Writes a file beside and renames it.
-fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let absolute = std::path::absolute(path).map_err(|source| write_error(path, source))?;
-    let (Some(home), Some(name)) = (absolute.parent(), absolute.file_name()) else {
-        let what = format!("{}: names no file", path.display());
-        return Err(Error::Usage { what });
-    };
-    Ok(scene::write_beside(home, &name.to_string_lossy(), bytes)?)
+/// Pictures under way: all frames arrive, or none.
+struct Pictures<'a> {
+    files: &'a [PathBuf],
+    staging: TempDir,
+}
+
+impl<'a> Pictures<'a> {
+    fn begin(files: &'a [PathBuf]) -> Result<Self, Error> {
+        let begin = |file: &PathBuf| {
+            scene::staging(std::path::absolute(file)?.parent().unwrap_or(Path::new(".")))
+        };
+        let staging = files.first().map_or_else(tempfile::tempdir, begin);
+        let fail =
+            |source| write_error(files.first().map_or(Path::new("."), PathBuf::as_path), source);
+        Ok(Self { files, staging: staging.map_err(fail)? })
+    }
+
+    fn staged(&self, number: usize) -> PathBuf {
+        self.staging.path().join(format!("{number}.png"))
+    }
+
+    fn write(&mut self, number: usize, png: &[u8]) -> Result<(), Error> {
+        fs::write(self.staged(number), png).map_err(|e| write_error(&self.files[number], e))
+    }
+
+    fn commit(self) -> Result<(), Error> {
+        for (number, file) in self.files.iter().enumerate() {
+            fs::rename(self.staged(number), file).map_err(|e| write_error(file, e))?;
+        }
+        Ok(())
+    }
 }
 
 type Fields = [Option<Grid<f32>>; 3];

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::export_output::write_error;
+use super::export_output::{check_apart, check_file, write_error};
 use super::{Error, export};
 use crate::export::report::{self, CanopyFit, Figure, ReportInput};
 use crate::progress::Reporter;
@@ -24,6 +24,9 @@ pub fn run(
     reporter: &Reporter,
 ) -> Result<(Vec<Figure>, PathBuf), Error> {
     let manifest = export::read_manifest(folder)?;
+    let path = output.map_or_else(|| folder.join(REPORT_FILE), Path::to_path_buf);
+    check_apart(&path, folder, &manifest)?;
+    check_file(&path, "report", |head| head.starts_with(b"<!doctype html>"))?;
     let scene = export::read_scene(folder, &manifest, reporter)?;
     if scene.plants.is_empty() {
         let folder = folder.display();
@@ -45,7 +48,6 @@ pub fn run(
     };
     let figures = report::figures(&input);
     reporter.check_cancelled()?;
-    let path = output.map_or_else(|| folder.join(REPORT_FILE), Path::to_path_buf);
     write_beside(&path, report::html(&input, &figures).as_bytes())?;
     Ok((figures, path))
 }

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::Error;
+use super::export_output::check_file;
 use super::grow::{self, CanopyInput, CanopyRequest};
 use super::import;
 use crate::abiotics::{self, AbioticMaps};
@@ -111,10 +112,14 @@ fn simulate_and_analyse(
         let what = format!("--years {}: give at least {LEAST_YEARS}", request.years);
         return Err(Error::Usage { what });
     }
-    let parent = request.output.parent().filter(|folder| !folder.as_os_str().is_empty());
-    if request.output.is_dir() || parent.is_some_and(|folder| !folder.is_dir()) {
-        let output = request.output.display();
-        let what = format!("-o {output}: name a file to write, in a folder that exists");
+    check_file(&request.output, "statistics", |head| {
+        String::from_utf8_lossy(head).starts_with("{\"format\":")
+    })?;
+    if request.work.exists() && !request.work.is_dir() {
+        let what = format!(
+            "{}: is a file where plots are kept in a folder; name another with --work",
+            request.work.display()
+        );
         return Err(Error::Usage { what });
     }
     let failed = |path: &Path, e: std::io::Error| Error::Failed {
