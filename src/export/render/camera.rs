@@ -176,6 +176,14 @@ impl Camera {
                 if v.z + radius_m < NEAR_M {
                     return None;
                 }
+                // beside the planes through the eye and the picture's edges
+                let is_beside = |off_m: f32, half_px: f32| {
+                    let slant = (focal_px * focal_px + half_px * half_px).sqrt();
+                    off_m.abs() * focal_px - v.z * half_px > radius_m * slant
+                };
+                if is_beside(v.x, 0.5 * width) || is_beside(v.y, 0.5 * height) {
+                    return None;
+                }
                 if v.z - radius_m < NEAR_M {
                     full
                 } else {
