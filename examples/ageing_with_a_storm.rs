@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let folder = PathBuf::from(arguments.next().unwrap_or_else(|| "storm-forest".to_owned()));
     let years: u16 = arguments.next().as_deref().unwrap_or("40").parse()?;
-    let cells: usize = arguments.next().as_deref().unwrap_or("128").parse()?;
+    let cells: usize = arguments.next().as_deref().unwrap_or("96").parse()?;
     let reporter = Reporter::silent();
 
     // A forest to begin with.
@@ -70,8 +70,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         output: folder.join("after_the_storm.png"),
         folder,
         view: ViewRequest::ForestFloor,
-        size_px: [960, 600],
-        finer: 2,
+        size_px: [800, 500],
+        finer: 1,                  // 2 to 4 for smoother edges
         filter: Filter::default(), // all of the scene
         season: Season::Summer,
         colour: Colour::Natural,

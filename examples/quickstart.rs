@@ -42,9 +42,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let params = CanopyParams { seed: SEED, ..Default::default() };
     let chm_m = canopy::generate::generate(&terrain, &site, &params, &reporter)?;
 
-    // 4. The trees that make up that canopy, a quarter of it redwoods, the rest as suits the site.
+    // 4. The trees that make up that canopy, some of them asked for, the rest as suits the site.
     let input = CanopyInput::made_up(&terrain, &site, &chm_m, &biome);
-    let shares = Shares::parse("redwood=0.25", &biome)?;
+    let shares = Shares::parse("redwood=0.3,douglas-fir=0.2,coast-live-oak=0.2", &biome)?;
     let trees = grow::grow(&input, shares, SEED, &CanopyRequest::default(), &reporter)?;
 
     // 5. What grows beneath them, from statistics of simulated undergrowth, and grass and litter.
@@ -68,7 +68,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     table::write(file, plants, &biome, frame, TableFormat::Csv)?;
     let species = &trees.species.map;
     let canopy = CanopyLayer { plants, biome: &biome, chm_m: &chm_m, species, deadwood: None };
-    let shown = PreviewMaps { canopy: Some(canopy), ..Default::default() };
+    let moisture_mm = Some(site.moisture_mm.clone());
+    let shown = PreviewMaps { canopy: Some(canopy), moisture_mm, ..Default::default() };
     let options = PreviewOptions { title: "Quick start".to_owned(), climate: None };
     preview::preview(&terrain, &shown, &options).save(folder.join("map.png"))?;
 

@@ -50,7 +50,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         }),
         chm: None, // a measured canopy would go here
         chm_unit: None,
-        canopy: CanopyRequest::default(), // species, ground to keep free, and the like
+        canopy: CanopyRequest {
+            shares: Some("redwood=0.3,douglas-fir=0.3".to_owned()), // the rest as suits the site
+            ..CanopyRequest::default()
+        },
         undergrowth: UndergrowthRequest::default(),
     };
     let manifest = grow::run(&request, &reporter)?;

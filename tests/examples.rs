@@ -76,5 +76,5 @@ fn a_storm_leaves_downed_logs() {
     let row = said.lines().find(|line| line.starts_with("downed logs ")).unwrap();
     let counts: Vec<usize> = row.split_whitespace().filter_map(|word| word.parse().ok()).collect();
     assert!(counts[1] > 2 * counts[0].max(1), "{said}");
-    assert_eq!(picture(&home.path().join("stormy/after_the_storm.png")), (960, 600));
+    assert_eq!(picture(&home.path().join("stormy/after_the_storm.png")), (800, 500));
 }
