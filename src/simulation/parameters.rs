@@ -159,12 +159,7 @@ impl Parameters {
         };
         Self {
             seed_chance_per_year: chance,
-            most_seed_chance_per_year: at_most(
-                std::env::var("MOST")
-                    .ok()
-                    .and_then(|v| v.parse().ok())
-                    .unwrap_or(MOST_SEEDLINGS_PER_M2_YEAR),
-            ),
+            most_seed_chance_per_year: at_most(MOST_SEEDLINGS_PER_M2_YEAR),
             seeding,
             ..parameters
         }
