@@ -22,7 +22,7 @@ enum Harm {
     Cut(&'static str, usize),
     Remove(&'static str),
     Folder(&'static str),
-    /// Takes the first text for the second one in `scene.toml`'s folder.
+    /// Puts the second text in place of the first, wherever it stands in the file.
     Replace(&'static str, &'static str, &'static str),
     Copy(&'static str, &'static str),
     /// Turns one byte in the middle of a file around.
@@ -736,7 +736,18 @@ fn killed_runs_leave_nothing_half_written() {
     rows.par_iter().for_each(|(command, folder, made)| {
         let home = place("forest bare");
         let folder = home.path().join(folder);
-        let before = contents(home.path());
+        // files by their paths from home, but those that are under way
+        let of = |home: &Path| -> BTreeMap<PathBuf, Option<blake3::Hash>> {
+            let all = contents(home).into_iter();
+            let settled = all.filter(|(path, _)| !path.to_string_lossy().contains(STAGING));
+            settled
+                .map(|(path, hash)| (path.strip_prefix(home).unwrap().to_owned(), hash))
+                .collect()
+        };
+        let undisturbed = place("forest bare");
+        assert!(wildwood(undisturbed.path(), command).status.success(), "{command}");
+        let finished = of(undisturbed.path());
+        let before = of(home.path());
         // once as soon as its staging folder is there, then at some moments of its life
         let mut was_staged = 0;
         for wait_ms in [None, Some(5), Some(40), Some(160)] {
@@ -755,14 +766,16 @@ fn killed_runs_leave_nothing_half_written() {
                 std::thread::sleep(Duration::from_millis(1));
             }
             let _ = running.kill();
-            let is_whole = running.wait().unwrap().success();
+            running.wait().unwrap();
             was_staged += staged(&folder);
-            if is_whole {
-                break; // too late
-            }
-            let mut after = contents(home.path());
-            after.retain(|path, _| !path.to_string_lossy().contains(STAGING));
-            assert!(after == before, "{command}, killed after {wait_ms:?}");
+            // each file is the former one or the finished one
+            let now = of(home.path());
+            let is_whole = |(path, hash): (&PathBuf, &Option<blake3::Hash>)| {
+                before.get(path) == Some(hash) || finished.get(path) == Some(hash)
+            };
+            assert!(now.iter().all(is_whole), "{command}, killed after {wait_ms:?}");
+            let is_lost = before.keys().any(|path| !now.contains_key(path));
+            assert!(!is_lost, "{command}, killed after {wait_ms:?}, lost a file");
         }
         let output = wildwood(home.path(), command);
         assert!(output.status.success(), "{command}: {}", told(&output));
