@@ -20,7 +20,15 @@ fn render(folder: &Path, output: &Path, options: &[&str]) -> Output {
 fn views_are_drawn_and_bad_input_is_told() {
     let home = tempfile::tempdir().unwrap();
     let scene = home.path().join("forest");
-    let made = wildwood(&["demo", "-o", scene.to_str().unwrap(), "--size", "96", "--quiet"]);
+    let made = wildwood(&[
+        "demo",
+        "--no-pictures",
+        "-o",
+        scene.to_str().unwrap(),
+        "--size",
+        "96",
+        "--quiet",
+    ]);
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     let out = home.path().join("view.png");
 

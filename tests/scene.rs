@@ -22,7 +22,8 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 fn demo(folder: &Path, options: &[&str]) {
-    let mut arguments = vec!["demo", "-o", folder.to_str().unwrap(), "--size", "160"];
+    let mut arguments =
+        vec!["demo", "--no-pictures", "-o", folder.to_str().unwrap(), "--size", "160"];
     arguments.extend(options);
     wildwood(&arguments);
 }
@@ -137,7 +138,15 @@ fn the_climate_counts_for_terrain_only_where_it_tells_the_latitude() {
 fn json_lines_are_json_and_end_with_the_result() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("forest");
-    let output = wildwood(&["demo", "-o", folder.to_str().unwrap(), "--size", "64", "--json"]);
+    let output = wildwood(&[
+        "demo",
+        "--no-pictures",
+        "-o",
+        folder.to_str().unwrap(),
+        "--size",
+        "64",
+        "--json",
+    ]);
     let text = String::from_utf8(output.stdout).unwrap();
     let lines: Vec<serde_json::Value> =
         text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
@@ -149,7 +158,15 @@ fn json_lines_are_json_and_end_with_the_result() {
 fn quiet_says_nothing() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("forest");
-    let output = wildwood(&["demo", "-o", folder.to_str().unwrap(), "--size", "64", "--quiet"]);
+    let output = wildwood(&[
+        "demo",
+        "--no-pictures",
+        "-o",
+        folder.to_str().unwrap(),
+        "--size",
+        "64",
+        "--quiet",
+    ]);
     assert!(output.stdout.is_empty() && output.stderr.is_empty());
 }
 
@@ -162,7 +179,7 @@ fn a_stopped_run_says_so_and_leaves_nothing() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("out/forest");
     let mut running = Command::new(env!("CARGO_BIN_EXE_wildwood"))
-        .args(["demo", "-o", folder.to_str().unwrap(), "--size", "1024"])
+        .args(["demo", "--no-pictures", "-o", folder.to_str().unwrap(), "--size", "1024"])
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()

@@ -1,14 +1,16 @@
 //! `wildwood demo`: a landscape of its own, its maps, its forest and what decades and a storm make of it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
+use serde_json::json;
 
-use super::{Outcome, Shared, grow, import};
+use super::{Outcome, Shared, grow, import, terminal};
 use crate::pipeline::age::{self, AgeRequest, Script};
 use crate::pipeline::demo;
 use crate::pipeline::import::DEFAULT_BIOME;
 use crate::pipeline::import::DEFAULT_SEED;
+use crate::pipeline::render::{self, RenderRequest, ViewRequest};
 use crate::progress::Reporter;
 use crate::terrain::generate::GenerateParams;
 
@@ -27,6 +29,9 @@ pub struct DemoArguments {
     /// Years that the forest is aged by, with a storm five years before the end; 0 leaves it as it grew.
     #[arg(long, value_name = "YEARS", default_value_t = 60, value_parser = clap::value_parser!(u16).range(0..=1000))]
     age: u16,
+    /// Draw no pictures of the forest (view.png, forest_floor.png).
+    #[arg(long)]
+    no_pictures: bool,
 }
 
 /// A gale from the west.
@@ -38,6 +43,10 @@ month = 1
 speed_m_s = 32
 from_deg = 260
 "#;
+/// Picture from the air.
+const OVERVIEW: &str = "view.png";
+/// Picture from the forest floor.
+const FOREST_FLOOR: &str = "forest_floor.png";
 /// Years that the storm's downed logs lie at the end.
 const YEARS_AFTER_STORM: u16 = 5;
 
@@ -52,9 +61,17 @@ pub fn run(arguments: &DemoArguments, shared: &Shared, reporter: &Reporter) -> O
     let manifest = demo::run(arguments.output.clone(), &arguments.biome, &params, reporter)?;
     import::report(&arguments.output, &manifest, shared);
     grow::report_trees(&manifest, shared);
-    if arguments.age == 0 {
+    if arguments.age > 0 {
+        age(arguments, shared, reporter)?;
+    }
+    if arguments.no_pictures {
         return Ok(());
     }
+    picture(&arguments.output, shared, reporter)
+}
+
+/// Lets years pass, with a storm near their end.
+fn age(arguments: &DemoArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
     let storm_year = arguments.age.saturating_sub(YEARS_AFTER_STORM).max(1);
     let request = AgeRequest {
         events: Script::Text(STORM.replace("YEAR", &storm_year.to_string())),
@@ -62,5 +79,27 @@ pub fn run(arguments: &DemoArguments, shared: &Shared, reporter: &Reporter) -> O
     };
     let (manifest, folder) = age::run(&request, reporter)?;
     super::age::report(&folder, &manifest, shared);
+    Ok(())
+}
+
+/// Draws the forest from the air and from its floor, and says what to open next.
+fn picture(folder: &Path, shared: &Shared, reporter: &Reporter) -> Outcome {
+    let views = [(ViewRequest::Overview, OVERVIEW), (ViewRequest::ForestFloor, FOREST_FLOOR)];
+    let mut pictures = Vec::new();
+    for (view, file) in views {
+        let request = RenderRequest::new(folder.to_path_buf(), folder.join(file), view);
+        pictures.extend(render::run(&request, reporter)?.files);
+    }
+    if shared.json {
+        terminal::line(&json!({ "event": "pictures", "files": pictures }));
+    } else if !shared.quiet {
+        let folder = folder.display();
+        terminal::say(&format!("look at {folder}/{OVERVIEW} and {folder}/{FOREST_FLOOR}, then"));
+        terminal::say(&format!("  wildwood export {folder} -o demo.gpkg     # for QGIS"));
+        terminal::say(&format!("  wildwood export {folder} -o demo.usda     # for Blender"));
+        terminal::say(&format!(
+            "  wildwood validate {folder}                # a report on the forest"
+        ));
+    }
     Ok(())
 }

@@ -112,6 +112,25 @@ pub struct RenderRequest {
     pub turntable: Option<u16>,
 }
 
+impl RenderRequest {
+    /// A view of the whole scene on a summer morning, 1280 × 720 pixels.
+    pub fn new(folder: PathBuf, output: PathBuf, view: ViewRequest) -> Self {
+        Self {
+            folder,
+            output,
+            view,
+            size_px: [1280, 720],
+            finer: 2,
+            filter: Filter::default(),
+            season: Season::Summer,
+            colour: Colour::Natural,
+            sun_rad: None,
+            haze: 1.0,
+            turntable: None,
+        }
+    }
+}
+
 /// What was drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rendered {
