@@ -154,7 +154,7 @@ pub fn short(value: f64) -> String {
     let mut grouped = String::new();
     for (place, digit) in whole.chars().enumerate() {
         if place > 0 && (whole.len() - place).is_multiple_of(3) {
-            grouped.push(' '); // narrow, does not break
+            grouped.push('\u{202f}'); // narrow, does not break
         }
         grouped.push(digit);
     }
