@@ -154,7 +154,7 @@ fn a_damaged_checkpoint_costs_time_but_changes_nothing() {
     let wood = Wood::new();
     let other = wood.copy();
     wood.age(40);
-    for damage in [&b"wildwood state 1"[..], &[7; 300], b""] {
+    for damage in [&b"wildwood state 2"[..], &[7; 300], b""] {
         let other = other.copy();
         fs::write(other.folder().join(CHECKPOINT), damage).unwrap();
         other.age(40);

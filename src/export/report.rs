@@ -18,12 +18,18 @@ pub use stand::{LEAST_DBH_M, Stand};
 
 /// Years after which deadwood is in balance. Peytavie et al. 2024, section 7.2: from year 500 on; snags are sooner.
 const DEADWOOD_YEARS: u32 = 300;
+/// Classes of a histogram at most. chosen: trees of 400 m, stems of 10 m.
+const MOST_CLASSES: usize = 200;
 /// Points of a scatter plot at most. chosen: as many as are told apart.
 const MOST_POINTS: usize = 1500;
 /// How far trees may stand above the tallest of their species, as a share. chosen: what placement allows canopy.
 const HEIGHT_MARGIN: f32 = 1.15;
-/// How far plants may stand off the ground, m. chosen: cells of a few metres on slopes.
-const GROUND_ERROR_M: f32 = 2.0;
+/// How far plants may stand off the elevations of the cells around them, m. chosen: what rounding and interpolation leave.
+const GROUND_ERROR_M: f32 = 0.5;
+
+const SLENDERNESS: &str = "height over dbh, median";
+const CROWN_TO_HEIGHT: &str = "crown width over height, median";
+const EVENNESS: &str = "evenness of canopy trees";
 
 /// A figure beside what is expected of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -123,20 +129,13 @@ pub fn figures(input: &ReportInput) -> Vec<Figure> {
         source,
     );
     let source = "chosen: conifers of closed stands 60–100, open-grown trees down to 25";
-    add(STRUCTURE, "height over dbh, median", "", stand.slenderness, Some([20.0, 110.0]), source);
+    add(STRUCTURE, SLENDERNESS, "", stand.slenderness, Some([20.0, 110.0]), source);
     let source =
         "chosen: 0.2 in dense conifers to 1.2 in open oaks (crown laws of the species files)";
-    add(
-        STRUCTURE,
-        "crown width over height, median",
-        "",
-        stand.crown_to_height,
-        Some([0.15, 1.2]),
-        source,
-    );
+    add(STRUCTURE, CROWN_TO_HEIGHT, "", stand.crown_to_height, Some([0.15, 1.2]), source);
     let source =
         "Clark & Evans 1954: 1 by chance, 1.2–1.5 where crowns keep apart, below 1 in groups";
-    add(STRUCTURE, "evenness of canopy trees", "", stand.clark_evans, Some([0.6, 1.6]), source);
+    add(STRUCTURE, EVENNESS, "", stand.clark_evans, Some([0.6, 1.6]), source);
 
     if let Some(fit) = &input.fit {
         const FIT: &str = "Fit to the canopy";
@@ -173,7 +172,14 @@ pub fn figures(input: &ReportInput) -> Vec<Figure> {
         const DEAD: &str = "Deadwood";
         let is_balanced = input.scene.years >= DEADWOOD_YEARS;
         let range = |range: [f64; 2]| is_balanced.then_some(range);
-        add(DEAD, "snags", "a hectare", stand.snags_per_ha, None, "stems of 7.5 cm and more");
+        add(
+            DEAD,
+            "snags",
+            "a hectare",
+            stand.snags_per_ha,
+            None,
+            "stems of 7.5 cm and more, over 2 m high",
+        );
         add(DEAD, "basal area of snags", "m²/ha", stand.snag_m2_ha, None, "of those");
         let share = stand.snags_of_standing_fraction;
         let source = "Peytavie 2024, 7.2: 0.112 in the inventory; expected from year 300 on, without recent events";
@@ -193,6 +199,14 @@ pub fn figures(input: &ReportInput) -> Vec<Figure> {
         add(DEAD, "downed logs of class 3–5", "of all", share, range([0.2, 0.95]), source);
     }
 
+    // figures of canopy trees say nothing where there are none
+    if stand.canopy_per_ha == 0.0 {
+        let of_canopy = [SLENDERNESS, CROWN_TO_HEIGHT, EVENNESS];
+        figures.retain(|figure| !of_canopy.contains(&figure.name));
+    }
+    let mut add = |section, name, unit, value, expected, source| {
+        figures.push(Figure { section, name, unit, value, expected, source });
+    };
     const WHOLE: &str = "Wholeness";
     let [off, tall, afloat] = faults(input.scene).map(|count| count as f64);
     let none = Some([0.0, 0.0]);
@@ -205,7 +219,14 @@ pub fn figures(input: &ReportInput) -> Vec<Figure> {
         none,
         "the species' greatest height and 15 %",
     );
-    add(WHOLE, "plants off the ground", "", afloat, none, "elevation of their cell, within 2 m");
+    add(
+        WHOLE,
+        "plants off the ground",
+        "",
+        afloat,
+        none,
+        "elevations of the cells around them, within 0.5 m",
+    );
     figures
 }
 
@@ -228,14 +249,20 @@ fn faults(scene: &SceneContent) -> [usize; 3] {
             row: (south as usize).min(frame.rows - 1),
             col: (east as usize).min(frame.cols - 1),
         };
-        match elevation.get(cell) {
-            Some(ground_m) if is_inside => {
-                counts[2] += usize::from(
-                    (plants.z_m[i] - ground_m).abs() > GROUND_ERROR_M.max(frame.cell_m()),
-                );
-            }
-            _ => counts[0] += 1,
+        if elevation.get(cell).is_none() || !is_inside {
+            counts[0] += 1;
+            continue;
         }
+        let around = (cell.row.saturating_sub(1)..(cell.row + 2).min(frame.rows)).flat_map(|row| {
+            let cols = cell.col.saturating_sub(1)..(cell.col + 2).min(frame.cols);
+            cols.map(move |col| crate::raster::Cell { row, col })
+        });
+        let (low_m, high_m) = around
+            .filter_map(|cell| elevation.get(cell).copied())
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), m| (low.min(m), high.max(m)));
+        let is_on_ground =
+            (low_m - GROUND_ERROR_M..=high_m + GROUND_ERROR_M).contains(&plants.z_m[i]);
+        counts[2] += usize::from(!is_on_ground);
     }
     counts
 }
@@ -393,7 +420,6 @@ fn histogram<'a>(
     class: f32,
     per: f64,
 ) -> (Vec<String>, Vec<Stacked<'a>>) {
-    const MOST_CLASSES: usize = 30;
     let plants = &scene.plants;
     let class_of = |i: usize| ((measure[i] / class) as usize).min(MOST_CLASSES - 1);
     let counted = || (0..plants.len()).filter(|i| counts(*i));

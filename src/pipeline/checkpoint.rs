@@ -5,7 +5,7 @@ use crate::plants::deadwood::GrowthRecord;
 use crate::simulation::forest::{Forest, State, StateRef};
 
 /// What a file begins with; the digit is its layout's.
-const MAGIC: &[u8; 16] = b"wildwood state 1";
+const MAGIC: &[u8; 16] = b"wildwood state 2";
 /// Bytes of the BLAKE3 of what follows.
 const HASH_BYTES: usize = 32;
 

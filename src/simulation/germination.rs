@@ -71,7 +71,8 @@ pub fn sprout(cells: &CellStates, trunks: &[bool], sowing: &Sowing) -> Vec<Seedl
                     } else {
                         parameters.seed_chance_per_year
                     };
-                    seeds.chance_per_year * chance
+                    // among many trees it would pass 1 on downed logs, and vigor would decide nothing
+                    (seeds.chance_per_year * chance).min(1.0)
                 }
             };
             if chance >= chance_per_year {

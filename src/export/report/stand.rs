@@ -2,9 +2,12 @@
 
 use crate::export::selection::SceneContent;
 use crate::plants::Layer;
+use crate::simulation::deadwood::snag::STUMP_M;
 
 /// Least stem that counts in basal areas and numbers of stems, m. Peytavie et al. 2024, section 7.2: 7.5 cm.
 pub const LEAST_DBH_M: f32 = 0.075;
+/// Share of its density below which inventories take wood for soil. chosen: a tenth.
+const LEAST_DENSITY_FRACTION: f32 = 0.1;
 /// Stems a hectare whose mean height is the dominant height. As the field has it.
 const DOMINANT_PER_HA: f64 = 100.0;
 /// Stem that stand density is counted in, m. Reineke 1933: 25 cm (ten inches).
@@ -39,13 +42,13 @@ pub struct Stand {
     pub clark_evans: f64,
     /// Undergrowth plants a hectare.
     pub undergrowth_per_ha: f64,
-    /// Basal area of snags, m²/ha.
+    /// Basal area of snags, m²/ha, stumps left out.
     pub snag_m2_ha: f64,
     /// Their share of standing basal area.
     pub snags_of_standing_fraction: f64,
-    /// Volume of downed logs when they came down, m³/ha.
+    /// Volume that downed logs had when they came down, m³/ha; without those that are soil by now.
     pub downed_log_m3_ha: f64,
-    /// Snags a hectare, stems of [`LEAST_DBH_M`] and more.
+    /// Snags a hectare, stems of [`LEAST_DBH_M`] and more, stumps left out.
     pub snags_per_ha: f64,
 }
 
@@ -68,7 +71,7 @@ impl Stand {
         let count = stems.len() as f64;
         let mean_square = stems.iter().map(|[dbh, _]| dbh * dbh).sum::<f64>() / count.max(1.0);
         let quadratic_mean_dbh_m = mean_square.sqrt();
-        let dominant = ((DOMINANT_PER_HA * hectares).round() as usize).min(stems.len());
+        let dominant = ((DOMINANT_PER_HA * hectares).round() as usize).max(1).min(stems.len());
         let dominant_height_m = stems[..dominant].iter().map(|[_, height]| height).sum::<f64>()
             / dominant.max(1) as f64;
         let lorey = stems.iter().map(|[dbh, height]| area_m2(*dbh) * height).sum::<f64>();
@@ -83,12 +86,20 @@ impl Stand {
         };
         let dead = scene.deadwood.as_ref();
         let snag_dbhs = || {
-            let dbhs = dead.map_or(&[][..], |dead| &dead.snags.dbh_m);
-            dbhs.iter().filter(|dbh| **dbh >= LEAST_DBH_M).map(|dbh| f64::from(*dbh))
+            dead.into_iter().flat_map(|dead| {
+                let standing = dead.snags.dbh_m.iter().zip(&dead.snags.height_m);
+                standing
+                    .filter(|(dbh, height)| **dbh >= LEAST_DBH_M && **height > STUMP_M)
+                    .map(|(dbh, _)| f64::from(*dbh))
+            })
         };
         let snag_m2: f64 = snag_dbhs().map(area_m2).sum();
         let downed_m3 = dead.map_or(0.0, |dead| {
-            (0..dead.downed_logs.len()).map(|i| dead.downed_logs.volume_m3(i)).sum()
+            let downed_logs = &dead.downed_logs;
+            (0..downed_logs.len())
+                .filter(|i| downed_logs.density_fraction[*i] >= LEAST_DENSITY_FRACTION)
+                .map(|i| downed_logs.volume_m3(i))
+                .sum()
         });
         let per_ha = |number: f64| number / hectares.max(1e-9);
         Self {

@@ -4,6 +4,10 @@
 //! seeds of their sub-biomes, and the more the more trees there are (Kapp et al. 2020); ground beyond has a few of the nearest's.
 //! Without this, redwoods come up all over a savanna that is wet enough for them.
 //!
+//! # Departures
+//! Peytavie et al. have the bank everywhere and always. Here one tree ends it for the whole scene, whose ground then has few seeds far
+//! from any: what the terrain lacks comes back from its edges.
+//!
 //! # Reference
 //! Kapp et al. 2020, section 6.1, Seeding, doi:10.1145/3414685.3417848; Peytavie et al. 2024, section 5.1, doi:10.1145/3641816.
 
@@ -91,6 +95,15 @@ impl SeedMap {
                             by_tree * seedbank::share_at(away_m / tree.crown_radius_m, parameters);
                         block.sub_biomes |= 1 << tree.sub_biome;
                     }
+                }
+            }
+            // a tree's own block has its seeds, however narrow its crown
+            for tree in bearing {
+                let line = |at_m: f32, count: usize| ((at_m / block_m) as usize).min(count - 1);
+                let (row, col) = (line(tree.south_m, rows), line(tree.east_m, cols));
+                let block = row.checked_sub(first).map(|row| row * cols + col);
+                if let Some(block) = block.and_then(|block| blocks.get_mut(block)) {
+                    block.sub_biomes |= 1 << tree.sub_biome;
                 }
             }
             for block in blocks {
@@ -190,6 +203,24 @@ mod tests {
         // two that overlap give both
         let (seeds, _) = seeds_among(&[(0, [90.0, 100.0]), (2, [110.0, 100.0])]);
         assert_eq!(seeds.at(50, 50).sub_biomes, 5);
+    }
+
+    #[test]
+    fn the_narrowest_tree_seeds_its_own_block() {
+        let biome = Biome::builtin("sonoma").unwrap();
+        let (_, parameters) = seeds_among(&[]);
+        let cell = GroundCell {
+            sun_h: [8.0; MONTHS],
+            moisture_mm: [60.0; MONTHS],
+            temperature_c: [15.0; MONTHS],
+            slope_rad: 0.0,
+        };
+        let plot = Plot::new([8, 8], 2.0, vec![cell; 64], &[], &biome, &parameters);
+        let mut community = Community::new(plot, &biome, parameters, 1);
+        community.plant(1, biome.sub_biomes[2].canopy[0] as u16, [0.1, 0.1], 60.0);
+        (community.height_m[0], community.crown_radius_m[0]) = (4.0, 0.1);
+        let seeds = SeedMap::of(&community, &biome);
+        assert!(seeds.blocks.iter().all(|block| block.sub_biomes == 4), "{:?}", seeds.blocks);
     }
 
     #[test]
