@@ -7,6 +7,8 @@
 //! # Reference
 //! Geodetic to geocentric coordinates: IOGP 373-7-2 (2019), §4.1.1 (EPSG method 9602).
 
+use glam::{DMat3, DMat4, DVec3, dvec3};
+
 use crate::math;
 use crate::raster::{Crs, CrsError, Projection};
 
@@ -17,53 +19,38 @@ const EARTH_ECCENTRICITY_SQUARED: f64 = 0.006_694_379_990_141_316;
 /// Side of the squares between which places are interpolated. chosen: the Earth bends by 0.4 mm within.
 const STEP_M: f64 = 100.0;
 
-type Vector = [f64; 3];
-
 /// Geocentric coordinates in metres of a point by longitude, latitude (degrees) and height above the ellipsoid.
-pub fn geocentric_m(longitude_deg: f64, latitude_deg: f64, height_m: f64) -> Vector {
+pub fn geocentric_m(longitude_deg: f64, latitude_deg: f64, height_m: f64) -> DVec3 {
     let up = up(longitude_deg, latitude_deg);
-    let normal_m = EARTH_AXIS_M / (1.0 - EARTH_ECCENTRICITY_SQUARED * up[2] * up[2]).sqrt();
+    let normal_m = EARTH_AXIS_M / (1.0 - EARTH_ECCENTRICITY_SQUARED * up.z * up.z).sqrt();
     let polar = (1.0 - EARTH_ECCENTRICITY_SQUARED) * normal_m + height_m;
-    [(normal_m + height_m) * up[0], (normal_m + height_m) * up[1], polar * up[2]]
+    dvec3(normal_m + height_m, normal_m + height_m, polar) * up
 }
 
 /// The direction up, off the ellipsoid.
-fn up(longitude_deg: f64, latitude_deg: f64) -> Vector {
+fn up(longitude_deg: f64, latitude_deg: f64) -> DVec3 {
     let (longitude, latitude) = (longitude_deg.to_radians(), latitude_deg.to_radians());
     let level = math::cos_f64(latitude);
-    [level * math::cos_f64(longitude), level * math::sin_f64(longitude), math::sin_f64(latitude)]
-}
-
-fn dot(a: Vector, b: Vector) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn minus(a: Vector, b: Vector) -> Vector {
-    std::array::from_fn(|k| a[k] - b[k])
-}
-
-fn unit(v: Vector) -> Vector {
-    let length = dot(v, v).sqrt();
-    v.map(|part| part / length)
-}
-
-fn cross(a: Vector, b: Vector) -> Vector {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    dvec3(
+        level * math::cos_f64(longitude),
+        level * math::sin_f64(longitude),
+        math::sin_f64(latitude),
+    )
 }
 
 /// A place of the map in the root's frame.
 #[derive(Clone, Copy)]
 struct Node {
     /// Where it lies at the origin's elevation.
-    at_m: Vector,
+    at_m: DVec3,
     /// Its direction up.
-    up: Vector,
+    up: DVec3,
 }
 
 /// A scene's place on Earth.
 pub struct Globe {
-    origin_m: Vector,
-    axes: [Vector; 3],
+    origin_m: DVec3,
+    axes: DMat3,
     /// South-west node, nodes a row, and all nodes from the south.
     corner_m: [f64; 2],
     cols: usize,
@@ -75,17 +62,23 @@ impl Globe {
     ///
     /// # Errors
     /// [`CrsError`] for local metres and outside the system's domain.
-    pub fn new(crs: &Crs, origin: Vector, low: [f32; 2], high: [f32; 2]) -> Result<Self, CrsError> {
+    pub fn new(
+        crs: &Crs,
+        origin: [f64; 3],
+        low: [f32; 2],
+        high: [f32; 2],
+    ) -> Result<Self, CrsError> {
         let projection = Projection::new(crs)?;
         let degrees = |x: f64, y: f64| projection.lon_lat_deg([origin[0] + x, origin[1] + y]);
-        let place = |x: f64, y: f64| -> Result<(Vector, Vector), CrsError> {
+        let place = |x: f64, y: f64| -> Result<(DVec3, DVec3), CrsError> {
             let [longitude, latitude] = degrees(x, y)?;
             Ok((geocentric_m(longitude, latitude, origin[2]), up(longitude, latitude)))
         };
         let (origin_m, z) = place(0.0, 0.0)?;
-        let east = minus(place(STEP_M, 0.0)?.0, place(-STEP_M, 0.0)?.0);
-        let x = unit(minus(east, z.map(|part| part * dot(east, z))));
-        let axes = [x, cross(z, x), z];
+        let east = place(STEP_M, 0.0)?.0 - place(-STEP_M, 0.0)?.0;
+        let x = east.reject_from_normalized(z).normalize();
+        let axes = DMat3::from_cols(x, z.cross(x), z);
+        let inward = axes.transpose();
 
         let corner_m = low.map(|at| f64::from(at) - STEP_M);
         // as: a scene has some hundred steps
@@ -96,8 +89,7 @@ impl Globe {
             for col in 0..cols {
                 let [x, y] = [corner_m[0] + col as f64 * STEP_M, corner_m[1] + row as f64 * STEP_M];
                 let (at, up) = place(x, y)?;
-                let inward = |v: Vector| axes.map(|axis| dot(axis, v));
-                nodes.push(Node { at_m: inward(minus(at, origin_m)), up: inward(up) });
+                nodes.push(Node { at_m: inward * (at - origin_m), up: inward * up });
             }
         }
         Ok(Self { origin_m, axes, corner_m, cols, nodes })
@@ -105,13 +97,11 @@ impl Globe {
 
     /// The matrix from the root's frame to geocentric metres, by columns.
     pub fn root(&self) -> [f64; 16] {
-        let [x, y, z] = self.axes;
-        let o = self.origin_m;
-        [x[0], x[1], x[2], 0.0, y[0], y[1], y[2], 0.0, z[0], z[1], z[2], 0.0, o[0], o[1], o[2], 1.0]
+        DMat4::from_mat3_translation(self.axes, self.origin_m).to_cols_array()
     }
 
     /// Where metres of the map lie in the root's frame, within 1 mm.
-    pub fn place_m(&self, map_m: [f32; 3]) -> Vector {
+    pub fn place_m(&self, map_m: [f32; 3]) -> [f64; 3] {
         let along = |k: usize| (f64::from(map_m[k]) - self.corner_m[k]) / STEP_M;
         let (u, v) = (along(0), along(1));
         let rows = self.nodes.len() / self.cols;
@@ -121,14 +111,10 @@ impl Globe {
         let at = row * self.cols + col;
         let corners = [at, at + 1, at + self.cols, at + self.cols + 1].map(|at| self.nodes[at]);
         let shares = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
-        std::array::from_fn(|k| {
-            let z = f64::from(map_m[2]);
-            corners
-                .iter()
-                .zip(shares)
-                .map(|(node, share)| share * (node.at_m[k] + z * node.up[k]))
-                .sum()
-        })
+        let z = f64::from(map_m[2]);
+        let parts =
+            corners.iter().zip(shares).map(|(node, share)| (node.at_m + node.up * z) * share);
+        parts.sum::<DVec3>().to_array()
     }
 }
 
@@ -142,7 +128,8 @@ mod tests {
         let latitude = 53.0 + 48.0 / 60.0 + 33.820 / 3600.0;
         let longitude = 2.0 + 7.0 / 60.0 + 46.380 / 3600.0;
         let found = geocentric_m(longitude, latitude, 73.0);
-        for (found, expected) in found.into_iter().zip([3_771_793.968, 140_253.342, 5_124_304.349])
+        for (found, expected) in
+            found.to_array().into_iter().zip([3_771_793.968, 140_253.342, 5_124_304.349])
         {
             assert!((found - expected).abs() < 1e-3, "{found}");
         }
@@ -179,10 +166,7 @@ mod tests {
         let globe =
             Globe::new(&Crs::Epsg(32633), [720_000.0, 5_100_000.0, 0.0], [0.0; 2], [1.0; 2])
                 .unwrap();
-        let [x, y, z] = globe.axes;
-        assert!(
-            dot(x, y).abs() < 1e-12 && dot(y, z).abs() < 1e-12 && (dot(x, x) - 1.0).abs() < 1e-12
-        );
+        assert!((globe.axes.transpose() * globe.axes).abs_diff_eq(DMat3::IDENTITY, 1e-12));
         // map scale 1.0002 at 220 km from the central meridian; convergence is in the axes
         let [east, north, _] = globe.place_m([1_000.0, 0.0, 0.0]);
         assert!((east - 1_000.0).abs() < 0.5 && north.abs() < 0.05, "{east} {north}");

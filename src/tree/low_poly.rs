@@ -394,6 +394,8 @@ fn snag_shape(decay: usize, standing: usize) -> SnagShape {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
     use crate::tree::archetype::LEVELS;
     use crate::tree::mesh::MeshPart;
@@ -423,18 +425,6 @@ mod tests {
         used.map(move |number| (model_of(number), atlas.archetype(number)))
     }
 
-    fn minus(a: [f32; 3], b: [f32; 3]) -> [f64; 3] {
-        std::array::from_fn(|k| f64::from(a[k]) - f64::from(b[k]))
-    }
-
-    fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    }
-
-    fn length(a: [f64; 3]) -> f64 {
-        a.iter().map(|v| v * v).sum::<f64>().sqrt()
-    }
-
     /// The size that a model is made for, or one like it.
     fn proportions(species: &Species, model: Model) -> [f32; 3] {
         let of = |build: Build, standing: f32| {
@@ -459,26 +449,21 @@ mod tests {
         assert_eq!(part.positions.len(), part.normals.len(), "{key}");
         assert!(part.positions.iter().flatten().all(|v| v.is_finite()), "{key}");
         for normal in &part.normals {
-            let long = length(normal.map(f64::from));
+            let long = Vec3::from(*normal).as_dvec3().length();
             assert!((long - 1.0).abs() < 1e-3, "{key}: a normal of {long}");
         }
         let facing = part.triangles.iter().filter(|corners| {
-            let place = |c: u32, k: usize| factors[k] * part.positions[c as usize][k];
-            let at = corners.map(|c| [0, 1, 2].map(|k| place(c, k)));
-            let normal = cross(minus(at[1], at[0]), minus(at[2], at[0]));
-            let area = length(normal);
-            let sides = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| length(minus(at[i], at[j])));
+            let place = |c: &u32| {
+                (Vec3::from(part.positions[*c as usize]) * Vec3::from(factors)).as_dvec3()
+            };
+            let at = [0, 1, 2].map(|corner| place(&corners[corner]));
+            let normal = (at[1] - at[0]).cross(at[2] - at[0]);
+            let sides = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| at[i].distance(at[j]));
             let longest = sides.into_iter().fold(0.0, f64::max);
-            assert!(area > 1e-5 * longest * longest, "{key}: a triangle of {at:?}");
-            let mean: f64 = corners
-                .iter()
-                .map(|c| {
-                    let facing: [f32; 3] =
-                        std::array::from_fn(|k| part.normals[*c as usize][k] / factors[k]);
-                    let long = length(facing.map(f64::from));
-                    (0..3).map(|k| f64::from(facing[k]) * normal[k] / long).sum::<f64>()
-                })
-                .sum();
+            assert!(normal.length() > 1e-5 * longest * longest, "{key}: a triangle of {at:?}");
+            let facing = |c: &u32| Vec3::from(part.normals[*c as usize]) / Vec3::from(factors);
+            let mean: f64 =
+                corners.iter().map(|c| facing(c).as_dvec3().normalize().dot(normal)).sum();
             mean > 0.0
         });
         facing.count()

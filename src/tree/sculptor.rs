@@ -5,6 +5,8 @@
 
 use std::f32::consts::TAU;
 
+use glam::Vec3;
+
 use super::mesh::{Material, Mesh, MeshPart};
 use crate::math;
 use crate::rng::{self, Key, Process};
@@ -22,18 +24,13 @@ pub fn from_to(b: Vector, a: Vector) -> Vector {
     along(a, -1.0, b)
 }
 
-fn dot(a: Vector, b: Vector) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
 fn cross(a: Vector, b: Vector) -> Vector {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    Vec3::from(a).cross(Vec3::from(b)).to_array()
 }
 
 /// `a` at length 1; up if it has none.
 pub fn unit(a: Vector) -> Vector {
-    let length = dot(a, a).sqrt();
-    if length > 1e-12 { a.map(|v| v / length) } else { [0.0, 0.0, 1.0] }
+    Vec3::from(a).normalize_or(Vec3::Z).to_array()
 }
 
 /// Level direction at an angle from east to north.
@@ -144,7 +141,7 @@ impl Sculptor {
                 // how much the surface faces ahead: the more, the faster the tube narrows
                 let (before, after) =
                     (knots[i.saturating_sub(1)], knots[(i + 1).min(knots.len() - 1)]);
-                let run = dot(from_to(before.at, after.at), ahead).max(1e-6);
+                let run = Vec3::from(from_to(before.at, after.at)).dot(ahead.into()).max(1e-6);
                 let facing = (before.radius - after.radius) / run;
                 if radius <= 0.0 {
                     return vec![self.vertex(material, at, ahead)];

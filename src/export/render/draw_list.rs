@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::camera::{Camera, NEAR_M};
 use super::coverage::Window;
-use super::vector::{Vec3, turned, vec3};
+use super::vector::{UP, Vec3, turned, vec3};
 use crate::export::instances::Instances;
 use crate::tree::archetype::{Archetype, LEVELS};
 
@@ -50,7 +50,7 @@ impl Item {
     pub fn normal(&self, [x, y, z]: [f32; 3]) -> Vec3 {
         // the inverse stretch: axes are square to each other
         let [i, j, k] = self.axes.map(|axis| axis / axis.dot(axis).max(1e-12));
-        (i * x + j * y + k * z).unit()
+        (i * x + j * y + k * z).normalize_or(UP)
     }
 }
 

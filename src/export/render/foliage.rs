@@ -7,7 +7,7 @@ use super::camera::Camera;
 use super::draw_list::Item;
 use super::noise;
 use super::surface_buffer::{Corner, Ink, Surface, SurfaceBuffer};
-use super::vector::{Vec3, vec3};
+use super::vector::{UP, Vec3, vec3};
 use crate::species::{Form, Leaf, Species};
 use crate::tree::mesh::{Material, MeshPart};
 
@@ -169,8 +169,8 @@ pub fn draw(
             if !window.touches(reach_px) {
                 continue;
             }
-            let normal =
-                (a.normal + (b.normal - a.normal) * wb + (c.normal - a.normal) * wc).unit();
+            let normal = (a.normal + (b.normal - a.normal) * wb + (c.normal - a.normal) * wc)
+                .normalize_or(UP);
             let noise_word = noise::hash2(word ^ 0x5bd1, k);
             let random = noise::direction(noise_word);
             let outward =
@@ -181,22 +181,24 @@ pub fn draw(
                 camera.eye + camera.right * base.x + camera.up * base.y + camera.forward * base.z;
             let lump_at = (world_base - item.position) / lump_m + lump_offset;
             let (lump, slope) = noise::smooth_with_slope(lump_at);
-            let tilted = (normal - slope * (look.lumpiness * LUMP_TILT)).unit();
+            let tilted = (normal - slope * (look.lumpiness * LUMP_TILT)).normalize_or(UP);
             let lift_m = fringe_m * (0.6 + 1.6 * t - 0.6 * (1.0 - u) * t)
                 + lump_reach_m * (1.4 * lump - 0.35);
             let middle = base + outward * lift_m;
             if is_near && middle.z < 0.3 {
                 continue;
             }
-            let axis = (outward * 0.7 + random + gravity * look.droop).unit() * (0.5 * leaf_m);
-            let side = axis.cross(outward * 0.4 + noise::direction(noise_word ^ 0x9e37)).unit()
-                * (0.5 * leaf_m * look.width);
-            let leaf_normal = side.cross(axis).unit();
+            let axis =
+                (outward * 0.7 + random + gravity * look.droop).normalize_or(UP) * (0.5 * leaf_m);
+            let side =
+                axis.cross(outward * 0.4 + noise::direction(noise_word ^ 0x9e37)).normalize_or(UP)
+                    * (0.5 * leaf_m * look.width);
+            let leaf_normal = side.cross(axis).normalize_or(UP);
             let leaf_world = camera.right * leaf_normal.x
                 + camera.up * leaf_normal.y
                 + camera.forward * leaf_normal.z;
             let facing = if leaf_world.dot(normal) < 0.0 { -leaf_world } else { leaf_world };
-            let shading = (tilted * 0.66 + facing * 0.34).unit();
+            let shading = (tilted * 0.66 + facing * 0.34).normalize_or(UP);
             let depth_share = (0.30 * t + 1.7 * (lump - 0.22)).clamp(0.0, 1.0);
             let ink = Ink {
                 variation: (noise_word >> 16) as u8,

@@ -1,6 +1,6 @@
 //! Ground: the terrain as a surface in the picture's metres, and what grows and lies on it.
 
-use super::vector::{Vec3, vec3};
+use super::vector::{UP, Vec3, vec3};
 use crate::raster::{Cell, Grid};
 
 /// A map over the picture's metres, straight between the middles of its cells.
@@ -165,7 +165,7 @@ impl Ground {
         let z = |dx: f32, dy: f32| self.surface(x + dx, y + dy)[0];
         let rise_east = (z(reach, 0.0) - z(-reach, 0.0)) / (2.0 * reach);
         let rise_north = (z(0.0, reach) - z(0.0, -reach)) / (2.0 * reach);
-        let normal = vec3(-rise_east, -rise_north, 1.0).unit();
+        let normal = vec3(-rise_east, -rise_north, 1.0).normalize_or(UP);
         if normal.is_finite() { normal } else { super::vector::UP }
     }
 
@@ -202,7 +202,7 @@ mod tests {
         let ground = Ground::new(&grid, [0.0, 0.0, 100.0]);
         let z = ground.height_m(31.0, 17.0).unwrap();
         assert!((z - 15.5).abs() < 1e-3, "{z}");
-        let expected = vec3(-0.5, 0.0, 1.0).unit();
+        let expected = vec3(-0.5, 0.0, 1.0).normalize_or(UP);
         assert!((ground.normal(30.0, 20.0) - expected).length() < 1e-3);
         assert_eq!(ground.far_edges_m(), [60.0, 0.0]);
         let field = Field::new(&grid, [0.0, 0.0, 0.0], 0.0);

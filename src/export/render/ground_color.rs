@@ -17,9 +17,9 @@ const MOSS: Vec3 = vec3(0.058, 0.085, 0.020);
 /// A fallen leaf's colour by a share 0..=1.
 pub fn litter(share: f32) -> Vec3 {
     if share < 0.7 {
-        LITTER_BROWN.mix(LITTER_PALE, share / 0.7)
+        LITTER_BROWN.lerp(LITTER_PALE, share / 0.7)
     } else {
-        LITTER_PALE.mix(vec3(0.21, 0.095, 0.028), (share - 0.7) / 0.3)
+        LITTER_PALE.lerp(vec3(0.21, 0.095, 0.028), (share - 0.7) / 0.3)
     }
 }
 
@@ -32,7 +32,7 @@ pub fn grass(dryness: f32, variation: f32, season: Season) -> Vec3 {
         Season::Spring => 0.15 * dryness,
     };
     let share = (dry + 0.5 * (variation - 0.5)).clamp(0.0, 1.0);
-    GRASS_GREEN.mix(GRASS_STRAW, share) * (0.75 + 0.5 * variation)
+    GRASS_GREEN.lerp(GRASS_STRAW, share) * (0.75 + 0.5 * variation)
 }
 
 /// How dry grass is at a place, 0..=1.
@@ -59,16 +59,16 @@ pub fn ground(world: &World<'_>, place: Vec3, normal: Vec3, px_m: f32, open_sky:
     let mut color = SOIL;
     let leaf_share =
         smoothstep((litterfall * 1.5 + 0.5 * (small - 0.5) + 0.3 * (fine - 0.5)) / 0.9);
-    color = color.mix(litter(0.15 + 0.75 * (0.5 * fine + 0.5 * small)), leaf_share);
+    color = color.lerp(litter(0.15 + 0.75 * (0.5 * fine + 0.5 * small)), leaf_share);
     let cover = smoothstep((grass_m / 0.16 + 0.9 * (middle - 0.5) + 0.5 * (small - 0.5)).max(0.0));
     let dry = dryness(world, x, y) * smoothstep(open_sky * 1.25);
     let blades = grass(dry, 0.6 * small + 0.4 * fine, world.season);
-    color = color.mix(blades, cover * (1.0 - 0.35 * leaf_share));
+    color = color.lerp(blades, cover * (1.0 - 0.35 * leaf_share));
     let damp = smoothstep((broad - 0.62) * 4.0) * (1.0 - cover) * 0.45;
-    color = color.mix(MOSS, damp * middle);
+    color = color.lerp(MOSS, damp * middle);
     // steeper than some 40° soil does not hold
     let steep = smoothstep((0.80 - normal.z + 0.10 * (middle - 0.5)) / 0.14);
-    color = color.mix(ROCK * (0.7 + 0.6 * small), steep);
+    color = color.lerp(ROCK * (0.7 + 0.6 * small), steep);
     color * mottle
 }
 
@@ -79,5 +79,5 @@ pub fn wall(place: Vec3, depth_m: f32) -> Vec3 {
     let soil = vec3(0.050, 0.034, 0.022);
     let stone = vec3(0.088, 0.078, 0.066);
     let share = smoothstep((depth_m - 0.8) / 3.0);
-    soil.mix(stone, share) * (0.72 + 0.35 * layer + 0.2 * wave)
+    soil.lerp(stone, share) * (0.72 + 0.35 * layer + 0.2 * wave)
 }

@@ -3,7 +3,7 @@
 //! Textures, not draws: they depend on place alone, so that a picture's leaves stay where they are from view to view.
 
 use super::coverage::floor;
-use super::vector::{Vec3, vec3};
+use super::vector::{UP, Vec3, vec3};
 
 /// A number without pattern for each whole number.
 ///
@@ -39,7 +39,7 @@ pub fn four(word: u32) -> [f32; 4] {
 #[inline]
 pub fn direction(word: u32) -> Vec3 {
     let [x, y, z, _] = four(word);
-    vec3(x + x - 1.0, y + y - 1.0, z + z - 1.0).unit()
+    vec3(x + x - 1.0, y + y - 1.0, z + z - 1.0).normalize_or(UP)
 }
 
 #[inline]

@@ -102,7 +102,7 @@ pub fn take(
     // a backdrop is as bright whatever stands before it; a sky between crowns is held back, as eyes do
     let held_back = if options.has_fixed_sky { exposure } else { exposure.max(1.0).sqrt() };
     let sky = light.iter_mut().zip(&is_sky).filter(|(_, is_sky)| **is_sky);
-    sky.for_each(|(light, _)| *light = *light / held_back);
+    sky.for_each(|(light, _)| *light /= held_back);
     let size = [width as usize, height as usize]; // as large as the picture
     let bytes = tone::develop(&light, size[0], size[1], finer as usize, exposure);
     match RgbImage::from_raw(width, height, bytes) {
@@ -208,7 +208,7 @@ fn splat(buffer: &mut SurfaceBuffer, camera: &Camera, item: &Item, place: u32) {
         }
         left_px -= 1.0;
         let (x, y) = (mx + (b - 0.5) * wide_px, my + (c - 0.5) * tall_px);
-        let normal = (noise::direction(noise::hash2(word, k ^ 0x33)) * 0.7 + UP).unit();
+        let normal = (noise::direction(noise::hash2(word, k ^ 0x33)) * 0.7 + UP).normalize_or(UP);
         let variation = (d * 255.0) as u8; // below 256
         let ink = Ink { item: place, surface, variation, openness: 215 };
         buffer.dot(x.floor() as i32, y.floor() as i32, nearness, normal, ink); // outside it is passed over
@@ -311,7 +311,7 @@ mod tests {
         let down = -std::f32::consts::FRAC_PI_2;
         let camera = Camera::orthographic(vec3(20.0, 20.0, 50.0), 0.0, down, 1.6, [96.0, 64.0]);
         // from the east, 45° high: the shadow is 4 m long, west of the box
-        let image = picture(&instances, vec3(1.0, 0.0, 1.0).unit(), &camera);
+        let image = picture(&instances, vec3(1.0, 0.0, 1.0).normalize_or(UP), &camera);
         let bright = |east_m: f32| {
             let x = (48.0 + 1.6 * (east_m - 20.0)) as u32;
             image.get_pixel(x, 32).0.iter().map(|c| u32::from(*c)).sum::<u32>()
@@ -329,7 +329,7 @@ mod tests {
         let camera = Camera::perspective(vec3(20.0, -6.0, 7.0), 0.1, -0.3, 1.0, [96.0, 64.0]);
         let of_threads = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| picture(&instances, vec3(0.6, -0.3, 0.7).unit(), &camera))
+            pool.install(|| picture(&instances, vec3(0.6, -0.3, 0.7).normalize_or(UP), &camera))
         };
         let one = of_threads(1);
         assert!(one == of_threads(2), "one thread and two differ");

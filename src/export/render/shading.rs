@@ -77,7 +77,7 @@ fn surface_light(
     let variation = f32::from(sample.variation) / 255.0;
     let openness = f32::from(sample.openness) / 255.0;
     let px_m = 1.0 / camera.px_per_m(camera.view(place).z);
-    let mut normal = sample.normal.unit();
+    let mut normal = sample.normal.normalize_or(UP);
     let sky = lights.sky;
     match sample.surface {
         Surface::Sky => Vec3::default(),
@@ -88,7 +88,7 @@ fn surface_light(
             let sun = sky.sun_light * normal.dot(sky.sun).max(0.0);
             // darker towards the foot, as if it stood on something
             let up = ((place.z - base_m) / (top_m - base_m).max(1.0)).clamp(0.0, 1.0);
-            albedo.times(sun + sky.ambient(normal, 0.75)) * (0.55 + 0.45 * up)
+            albedo * (sun + sky.ambient(normal, 0.75)) * (0.55 + 0.45 * up)
         }
         Surface::Ground => {
             normal = world.ground.normal(place.x, place.y);
@@ -102,7 +102,7 @@ fn surface_light(
                     let north = at(place.x, place.y + 0.2 * d) - here;
                     vec3(-east, -north, 0.0)
                 };
-                normal = (normal + bump(0.35, 21) * 0.8 + bump(0.08, 22) * 0.9).unit();
+                normal = (normal + bump(0.35, 21) * 0.8 + bump(0.08, 22) * 0.9).normalize_or(UP);
             }
             matte(lights, albedo, place, normal, 1.0, 0.02, word)
         }
@@ -112,7 +112,7 @@ fn surface_light(
             let dryness =
                 ground_color::dryness(world, place.x, place.y) * smoothstep(open_sky * 1.25);
             let albedo = ground_color::grass(dryness, variation, world.season);
-            let up = (normal * 0.4 + UP).unit();
+            let up = (normal * 0.4 + UP).normalize_or(UP);
             leaf(lights, albedo, place, up, ray, openness, 0.05, word)
         }
         Surface::Litter => {
@@ -127,8 +127,8 @@ fn surface_light(
                 Material::Foliage => {
                     let [a, b, _, _] = noise::four(noise::hash2(u32::from(sample.variation), 77));
                     let fresh = vec3(1.10, 1.05, 0.84);
-                    let hue = vec3(1.0, 1.0, 1.0).mix(fresh, (a - 0.35).max(0.0));
-                    let albedo = albedo.times(hue) * (0.78 + 0.44 * b);
+                    let hue = vec3(1.0, 1.0, 1.0).lerp(fresh, (a - 0.35).max(0.0));
+                    let albedo = albedo * hue * (0.78 + 0.44 * b);
                     let reach_m = 0.10 * radius_m + 0.1;
                     leaf(lights, albedo, place, normal, ray, openness, reach_m, word)
                 }
@@ -165,7 +165,7 @@ fn matte(
     let share = LEAST_SKY + (1.0 - LEAST_SKY) * open_sky;
     // light that sunny ground and leaves throw back
     let bounce = vec3(0.20, 0.22, 0.10) * (0.35 * deep_sun + 0.10 * open_sky);
-    albedo.times(sun + sky.ambient(normal, share * openness) + bounce)
+    albedo * (sun + sky.ambient(normal, share * openness) + bounce)
 }
 
 /// Light from a leaf: soft around edges, brighter against the sun.
@@ -193,10 +193,10 @@ fn leaf(
     let sun = sky.sun_light * reached;
     let share = (LEAST_SKY + (1.0 - LEAST_SKY) * open_sky) * (0.25 + 0.75 * openness * openness);
     let bounce = vec3(0.16, 0.22, 0.07) * ((0.4 * deep_sun + 0.12 * open_sky) * openness);
-    let reflected = albedo.times(sun * front + sky.ambient(normal, share) + bounce);
-    let passed = albedo.times(LEAF_PASSES).times(sun) * glow;
+    let reflected = albedo * (sun * front + sky.ambient(normal, share) + bounce);
+    let passed = albedo * LEAF_PASSES * sun * glow;
     // waxy leaves mirror a little of sun and sky
-    let half = (sky.sun - ray).unit();
+    let half = (sky.sun - ray).normalize_or(UP);
     let mirror = half.dot(normal).max(0.0);
     let mirror = mirror * mirror * mirror * mirror;
     let gloss = sun * (0.006 * mirror * mirror) + sky.sky_light * (0.004 * share);
@@ -211,7 +211,7 @@ fn bark(albedo: Vec3, place: Vec3, item: &Item, material: Material, px_m: f32) -
     // furrows run along the stem: stretched noise in the model's frame
     let axis =
         if item.axes[0].length() > item.axes[2].length() { item.axes[0] } else { item.axes[2] };
-    let axis = axis.unit();
+    let axis = axis.normalize_or(UP);
     let local = place - item.position;
     let along = local.dot(axis);
     let across = local - axis * along;
@@ -249,5 +249,5 @@ fn moss(
     let share =
         smoothstep((reach * up + 0.7 * patch + if is_lying { age } else { 0.0 }) * 1.6) * soft;
     let damp = if is_lying { albedo * 0.62 } else { albedo };
-    damp.mix(vec3(0.046, 0.070, 0.014), share.clamp(0.0, 1.0) * 0.94)
+    damp.lerp(vec3(0.046, 0.070, 0.014), share.clamp(0.0, 1.0) * 0.94)
 }

@@ -1,6 +1,6 @@
 //! Sky, sun and haze: colours of light as it arrives, in linear light where white paper in the sun is about 1.
 
-use super::vector::{Vec3, vec3};
+use super::vector::{UP, Vec3, vec3};
 use crate::math;
 
 /// Sky at the zenith and at the horizon. chosen: a clear summer morning, so that shade is bluish, not blue.
@@ -45,12 +45,12 @@ impl Sky {
         let up = direction.z.max(0.0);
         // the horizon's band is a few degrees high
         let rise = 1.0 - math::exp(-up * 4.2);
-        let base = HORIZON.mix(ZENITH, rise);
+        let base = HORIZON.lerp(ZENITH, rise);
         let toward = direction.dot(self.sun).max(0.0);
         let wide = toward * toward * toward * toward;
         let glow = self.sun_light * (0.045 * wide + 0.5 * math::powf(toward, 220.0));
         let light = base + glow * (1.0 - 0.5 * rise);
-        light.mix(MIST, math::smoothstep(-direction.z / 0.62))
+        light.lerp(MIST, math::smoothstep(-direction.z / 0.62))
     }
 
     /// Light from the sky on a surface that sees `share` of it.
@@ -64,26 +64,31 @@ impl Sky {
     pub fn hazed(&self, light: Vec3, direction: Vec3, distance_m: f32) -> Vec3 {
         let through =
             SCATTERING_PER_M.map(|per_m| math::exp(-per_m * self.haze * distance_m.max(0.0)));
-        let level = vec3(direction.x, direction.y, direction.z.max(0.02)).unit();
+        let level = vec3(direction.x, direction.y, direction.z.max(0.02)).normalize_or(UP);
         let air = self.radiance(level) * 0.85;
-        light.times(through) + air.times(through.map(|t| 1.0 - t))
+        light * through + air * (through.map(|t| 1.0 - t))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::export::render::vector::LUMINANCE;
 
     #[test]
     fn low_suns_are_red_and_haze_swallows_what_is_far() {
-        let high = Sky::new(vec3(0.5, 0.0, 0.8).unit(), 1.0);
-        let low = Sky::new(vec3(1.0, 0.0, 0.05).unit(), 1.0);
+        let high = Sky::new(vec3(0.5, 0.0, 0.8).normalize_or(UP), 1.0);
+        let low = Sky::new(vec3(1.0, 0.0, 0.05).normalize_or(UP), 1.0);
         assert!(low.sun_light.x / low.sun_light.z > 2.0 * high.sun_light.x / high.sun_light.z);
-        assert!(Sky::new(vec3(1.0, 0.0, -0.2).unit(), 1.0).sun_light.luminance() < 1e-6);
+        assert!(
+            Sky::new(vec3(1.0, 0.0, -0.2).normalize_or(UP), 1.0).sun_light.dot(LUMINANCE) < 1e-6
+        );
         let level = vec3(0.0, 1.0, 0.0);
         let near = high.hazed(Vec3::splat(0.1), level, 0.0);
         assert!((near - Vec3::splat(0.1)).length() < 1e-6);
         let far = high.hazed(Vec3::splat(0.1), level, 1e6);
-        assert!((far - high.radiance(vec3(0.0, 1.0, 0.02).unit()) * 0.85).length() < 1e-3);
+        assert!(
+            (far - high.radiance(vec3(0.0, 1.0, 0.02).normalize_or(UP)) * 0.85).length() < 1e-3
+        );
     }
 }

@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 
 use super::coverage::floor;
-use super::vector::{Vec3, vec3};
+use super::vector::{UP, Vec3, vec3};
 use super::world::World;
 use crate::export::instances::InstanceGroup;
 use crate::math;
@@ -216,7 +216,7 @@ impl SkyLight {
         }
         // the sun's last; near the horizon its light would cross the lattice in one layer
         let low = sun.z < 0.12;
-        directions.push((if low { vec3(sun.x, sun.y, 0.12).unit() } else { sun }, 0.0));
+        directions.push((if low { vec3(sun.x, sun.y, 0.12).normalize_or(UP) } else { sun }, 0.0));
         let mut swept: Vec<Vec<u8>> =
             directions.par_iter().map(|(d, _)| self.sweep(density, *d)).collect();
         self.sun = swept.pop().unwrap_or_default();

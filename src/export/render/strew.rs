@@ -132,7 +132,7 @@ fn grass(
         let bend = 0.25 + 0.5 * (s / chance.max(1e-3));
         let middle = root + UP * (0.6 * height_m) + lean * (0.18 * bend * height_m);
         let tip = root + UP * (height_m * (1.0 - 0.25 * bend)) + lean * (0.62 * bend * height_m);
-        let normal = (lean * -0.6 + UP).unit();
+        let normal = (lean * -0.6 + UP).normalize_or(UP);
         let variation = (noise::unit(noise::hash2(word ^ 0x99, k)) * 255.0) as u8; // below 256
         let ink = Ink { item: 0, surface: Surface::Grass, variation, openness: 150 };
         let low = [root - side, root + side, middle + side * 0.8, middle - side * 0.8]
@@ -175,10 +175,10 @@ fn litter(
             continue;
         }
         let random = noise::direction(noise::hash2(word ^ 0x51, k));
-        let normal = (random * 0.45 + UP).unit();
+        let normal = (random * 0.45 + UP).normalize_or(UP);
         let angle = t * std::f32::consts::TAU;
         let long = vec3(math::cos(angle), math::sin(angle), 0.0);
-        let wide = normal.cross(long).unit();
+        let wide = normal.cross(long).normalize_or(UP);
         let long = wide.cross(normal) * (0.5 * length_m);
         let wide = wide * (0.26 * length_m);
         let middle = middle + UP * (0.012 + 0.02 * s);

@@ -187,9 +187,9 @@ impl SurfaceBuffer {
             }
             if (from.view.z >= NEAR_M) != (to.view.z >= NEAR_M) {
                 let t = (NEAR_M - from.view.z) / (to.view.z - from.view.z);
-                let mut view = from.view.mix(to.view, t);
+                let mut view = from.view.lerp(to.view, t);
                 view.z = NEAR_M;
-                kept.push(Corner { view, normal: from.normal.mix(to.normal, t) });
+                kept.push(Corner { view, normal: from.normal.lerp(to.normal, t) });
             }
         }
         for i in 2..kept.len() {

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::noise;
-use super::vector::Vec3;
+use super::vector::{LUMINANCE, Vec3};
 use crate::math;
 
 /// Powers of light below and above grey before the curve. chosen: leaves of a forest are much alike; a little more contrast tells them apart.
@@ -22,7 +22,7 @@ pub fn exposure(light: &[Vec3], mean_light: f32, is_sky: impl Fn(usize) -> bool 
     // one in some is enough for a mean, and always the same ones
     for i in (0..light.len()).step_by(7) {
         if !is_sky(i) {
-            sum += f64::from(math::ln(light[i].luminance().max(1e-4)));
+            sum += f64::from(math::ln(light[i].dot(LUMINANCE).max(1e-4)));
             count += 1.0;
         }
     }

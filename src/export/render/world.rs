@@ -4,7 +4,7 @@ use super::draw_list::{Item, ModelBounds};
 use super::foliage::LeafLook;
 use super::ground::Ground;
 use super::noise;
-use super::vector::{Vec3, vec3};
+use super::vector::{LUMINANCE, Vec3, vec3};
 use crate::export::instances::{FeatureTable, InstanceGroup, Instances};
 use crate::math;
 use crate::species::{Biome, LeafHabit, Species};
@@ -157,11 +157,11 @@ impl<'a> World<'a> {
         let base = self.palette[species][class][place];
         // a product of codes is near enough to one of light for tints around 255
         let [r, g, b] = group.tint_srgb[index].map(|byte| f32::from(byte) / 255.0);
-        let tinted = base.times(vec3(r * r, g * g, b * b));
+        let tinted = base * (vec3(r * r, g * g, b * b));
         if material == Material::Foliage {
             let color = self.in_season(tinted, species, item);
             // a crown's leaves face all ways and shade each other: less colourful than one leaf
-            Vec3::splat(color.luminance()).mix(color, CROWN_COLOURFULNESS)
+            Vec3::splat(color.dot(LUMINANCE)).lerp(color, CROWN_COLOURFULNESS)
         } else {
             tinted
         }
@@ -188,13 +188,13 @@ impl<'a> World<'a> {
         let [a, b, c, _] = noise::four(noise::hash2(item.index ^ 0xa5a5, item.group));
         match self.season {
             Season::Summer | Season::Winter => green,
-            Season::Spring => green.times(vec3(1.45, 1.35, 0.8)),
+            Season::Spring => green * (vec3(1.45, 1.35, 0.8)),
             Season::Autumn => {
                 // chosen: yellow birches, russet oaks and beeches, some still green
                 let gold = vec3(0.46, 0.27, 0.035);
                 let russet = vec3(0.33, 0.105, 0.025);
-                let turned = gold.mix(russet, a * b + 0.2 * (species % 3) as f32);
-                green.mix(turned, (0.55 + 0.6 * c).min(1.0))
+                let turned = gold.lerp(russet, a * b + 0.2 * (species % 3) as f32);
+                green.lerp(turned, (0.55 + 0.6 * c).min(1.0))
             }
         }
     }
