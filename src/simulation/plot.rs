@@ -86,6 +86,8 @@ pub struct Plot {
     pub(super) ground: Vec<GroundCell>,
     /// Seeds by terrain cell.
     pub(super) seeds: Vec<Seeds>,
+    /// Whether nothing sprouts on a terrain cell.
+    is_barren: Vec<bool>,
     /// Canopy by simulation cell; empty where there is none.
     canopy: Vec<CanopyCell>,
     /// Row of the terrain cell that the middle of each simulation row lies in.
@@ -235,6 +237,7 @@ impl Plot {
             cell_m,
             first_east: 0,
             first_south: 0,
+            is_barren: vec![false; ground.len()],
             ground,
             seeds,
             canopy: if canopy.is_empty() && parameters.open_limit_m == f32::INFINITY {
@@ -301,12 +304,13 @@ impl Plot {
         plot.ground_row.truncate(plot.rows);
         plot.ground_col.truncate(plot.cols);
         plot.set_moisture(frame, &maps.moisture_mm);
-        for (block, seeds) in plot.seeds.iter_mut().enumerate() {
+        for block in 0..plot.seeds.len() {
             let barren = joined.mean(block, |index| {
                 Some(f32::from(u8::from(is_barren[index] || !is_valid(index))))
             });
             if barren >= 0.5 {
-                *seeds = Seeds::default();
+                plot.is_barren[block] = true;
+                plot.seeds[block] = Seeds::default();
             }
         }
         let corner = frame.transform;
@@ -330,12 +334,13 @@ impl Plot {
         });
     }
 
-    /// Lays other seeds on ground that has some, by row and column of ground cells.
+    /// Lays other seeds on ground that is not barren, by row and column of ground cells.
     pub(super) fn set_seeds(&mut self, seeds_at: impl Fn(usize, usize) -> Seeds + Sync) {
         let cols = self.ground_cols;
-        self.seeds.par_chunks_mut(cols).enumerate().for_each(|(row, seeds)| {
-            for (col, seeds) in seeds.iter_mut().enumerate() {
-                if seeds.chance_per_year > 0.0 {
+        let rows = self.seeds.par_chunks_mut(cols).zip(self.is_barren.par_chunks(cols));
+        rows.enumerate().for_each(|(row, (seeds, is_barren))| {
+            for (col, (seeds, is_barren)) in seeds.iter_mut().zip(is_barren).enumerate() {
+                if !is_barren {
                     *seeds = seeds_at(row, col);
                 }
             }
@@ -421,9 +426,10 @@ impl Plot {
 
     /// Memory that it takes, ground and canopy together.
     pub fn bytes(&self) -> usize {
-        let Self { ground, seeds, canopy, ground_row, ground_col, .. } = self;
+        let Self { ground, seeds, is_barren, canopy, ground_row, ground_col, .. } = self;
         size_of_val(&ground[..])
             + size_of_val(&seeds[..])
+            + size_of_val(&is_barren[..])
             + size_of_val(&canopy[..])
             + size_of_val(&ground_row[..])
             + size_of_val(&ground_col[..])

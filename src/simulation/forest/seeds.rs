@@ -82,7 +82,9 @@ impl SeedMap {
         strips.for_each(|(strip, blocks)| {
             let (first, count) = (strip * STRIP_ROWS, blocks.len() / cols);
             for tree in bearing {
-                let reach_m = parameters.seed_reach_radii * tree.crown_radius_m;
+                // as far as the middle of its own block at least, so that the narrowest tree is told of
+                let reach_m =
+                    (parameters.seed_reach_radii * tree.crown_radius_m).max(0.75 * block_m);
                 let reached = disk_span(tree.south_m, reach_m, rows, block_m);
                 for row in reached.start.max(first)..reached.end.min(first + count) {
                     let south_m = (row as f32 + 0.5) * block_m - tree.south_m;
@@ -95,15 +97,6 @@ impl SeedMap {
                             by_tree * seedbank::share_at(away_m / tree.crown_radius_m, parameters);
                         block.sub_biomes |= 1 << tree.sub_biome;
                     }
-                }
-            }
-            // a tree's own block has its seeds, however narrow its crown
-            for tree in bearing {
-                let line = |at_m: f32, count: usize| ((at_m / block_m) as usize).min(count - 1);
-                let (row, col) = (line(tree.south_m, rows), line(tree.east_m, cols));
-                let block = row.checked_sub(first).map(|row| row * cols + col);
-                if let Some(block) = block.and_then(|block| blocks.get_mut(block)) {
-                    block.sub_biomes |= 1 << tree.sub_biome;
                 }
             }
             for block in blocks {
