@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde_json::{Map, json};
 
-use super::{Outcome, Shared, import, terminal};
+use super::{Outcome, ScenePart, Shared, terminal};
 use crate::export::instances::FeatureTable;
 use crate::export::points::Flavour;
 use crate::export::scene3d::Lod;
@@ -26,15 +26,8 @@ pub struct ExportArguments {
     /// File that is written; a folder for 3dtiles, mitsuba and points, and for parquet and csv unless it ends in .parquet or .csv.
     #[arg(long, short, value_name = "FILE|FOLDER")]
     output: PathBuf,
-    /// Part of the scene, in map coordinates; what stands on its east or north edge is the next box's.
-    #[arg(
-        long,
-        value_name = "WEST,SOUTH,EAST,NORTH",
-        value_delimiter = ',',
-        num_args = 1,
-        allow_hyphen_values = true
-    )]
-    bbox: Option<Vec<f64>>,
+    #[command(flatten)]
+    part: ScenePart,
     /// Layers: canopy, undergrowth, snags, logs [default: all that the scene has and the format holds].
     #[arg(long, value_name = "LAYER,…", value_delimiter = ',', num_args = 1, value_parser = layer)]
     layers: Option<Vec<ExportLayer>>,
@@ -109,7 +102,7 @@ fn height(text: &str) -> Result<f32, String> {
 }
 
 pub fn run(arguments: &ExportArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
-    let bbox = arguments.bbox.as_deref().map(import::window).transpose()?;
+    let bbox = arguments.part.window()?;
     let request = ExportRequest {
         folder: arguments.folder.clone(),
         output: arguments.output.clone(),

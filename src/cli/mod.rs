@@ -25,6 +25,7 @@ use crate::gpu;
 use crate::io::las;
 use crate::pipeline;
 use crate::progress::Reporter;
+use crate::raster::MapWindow;
 
 /// Grows whole forests, living and dead, on real terrain.
 #[derive(Parser)]
@@ -51,6 +52,27 @@ struct Shared {
     /// Seed of everything random: same seed, same bits [default: the scene folder's, else 1].
     #[arg(long, global = true)]
     seed: Option<u64>,
+}
+
+/// `--bbox` of commands that take a part of a scene.
+#[derive(Args)]
+struct ScenePart {
+    /// Part of the scene, in map coordinates; what stands on its east or north edge is the next box's.
+    #[arg(
+        long,
+        value_name = "WEST,SOUTH,EAST,NORTH",
+        value_delimiter = ',',
+        num_args = 1,
+        allow_hyphen_values = true
+    )]
+    bbox: Option<Vec<f64>>,
+}
+
+impl ScenePart {
+    /// The part that is asked for; none is the whole scene.
+    fn window(&self) -> Result<Option<MapWindow>, pipeline::Error> {
+        self.bbox.as_deref().map(import::window).transpose()
+    }
 }
 
 #[derive(Subcommand)]

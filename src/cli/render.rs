@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::{Outcome, Shared, import, terminal};
+use super::{Outcome, ScenePart, Shared, terminal};
 use crate::export::render::figures::Colour;
 use crate::export::render::world::Season;
 use crate::export::selection::Filter;
@@ -72,15 +72,8 @@ pub struct RenderArguments {
     /// How thick the haze is: 0 none, 1 a clear day, 10 mist.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = haze, allow_hyphen_values = true)]
     haze: f32,
-    /// Part of the scene, in map coordinates.
-    #[arg(
-        long,
-        value_name = "WEST,SOUTH,EAST,NORTH",
-        value_delimiter = ',',
-        num_args = 1,
-        allow_hyphen_values = true
-    )]
-    bbox: Option<Vec<f64>>,
+    #[command(flatten)]
+    part: ScenePart,
     /// So many frames of a turn around the scene's middle: view_000.png, view_001.png … for -o view.png.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=999))]
     turntable: Option<u16>,
@@ -184,7 +177,7 @@ fn sun(numbers: &[f64]) -> Result<[f32; 2], Error> {
 }
 
 pub fn run(arguments: &RenderArguments, shared: &Shared, reporter: &Reporter) -> Outcome {
-    let bbox = arguments.bbox.as_deref().map(import::window).transpose()?;
+    let bbox = arguments.part.window()?;
     let request = RenderRequest {
         folder: arguments.folder.clone(),
         output: arguments.output.clone(),

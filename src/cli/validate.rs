@@ -79,6 +79,7 @@ fn report_on(
                 "source": figure.source,
             }));
         }
+        terminal::line(&json!({ "event": "done", "file": path }));
     } else if !shared.quiet {
         for figure in &figures {
             let mark = match figure.is_expected() {
