@@ -272,16 +272,19 @@ fn is_absent_or_empty(folder: &Path) -> Result<bool, Error> {
     }
 }
 
-/// Writes one file into a scene folder that no stage owns: beside first, then renamed.
+/// Writes one file that no stage owns: beside first, then renamed.
 ///
 /// # Errors
 /// [`Error::Write`]; a former file of the name is then as it was.
-pub fn write_beside(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), Error> {
-    let path = folder.join(name);
-    let fail = |source| Error::Write { path: path.clone(), source };
-    let staging = staging(folder).map_err(fail)?;
-    let staged = staging.path().join(name);
-    fs::write(&staged, bytes).and_then(|()| fs::rename(&staged, &path)).map_err(fail)
+pub fn write_beside(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let write = || {
+        let path = std::path::absolute(path)?;
+        let staging = staging(path.parent().unwrap_or(&path))?;
+        let staged = staging.path().join(path.file_name().unwrap_or_default());
+        fs::write(&staged, bytes)?;
+        fs::rename(&staged, &path)
+    };
+    write().map_err(|source| Error::Write { path: path.to_path_buf(), source })
 }
 
 /// A folder beside files under way, gone when dropped; what runs that were killed left there is swept away.

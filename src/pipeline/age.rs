@@ -212,7 +212,7 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
         let is_cancelled = reporter.check_cancelled();
         if is_due || is_cancelled.is_err() {
             let bytes = checkpoint::to_bytes(&key, forest, &growth)?;
-            scene::write_beside(&folder, CHECKPOINT_FILE, &bytes)?;
+            scene::write_beside(&folder.join(CHECKPOINT_FILE), &bytes)?;
         }
         is_cancelled.map_err(|_| Error::Stopped { year })
     };

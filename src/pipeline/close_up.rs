@@ -69,7 +69,7 @@ pub fn write(
     let path = folder.join(FILE);
     let failed = |source| scene::Error::Write { path: path.clone(), source };
     let png = preview::encode_png(&picture).map_err(std::io::Error::other).map_err(failed)?;
-    scene::write_beside(folder, FILE, &png)?;
+    scene::write_beside(&folder.join(FILE), &png)?;
     stage.advance(1);
     Ok(path)
 }

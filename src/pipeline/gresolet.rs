@@ -98,7 +98,7 @@ pub fn run(
                 timeline::timeline(forest.timeline(), biome, &age_files::marks(events, biome));
             let png =
                 preview::encode_png(&picture).map_err(|e| Error::Failed { what: e.to_string() })?;
-            crate::scene::write_beside(folder, name, &png)?;
+            crate::scene::write_beside(&folder.join(name), &png)?;
         }
     }
     let mut findings = of_undisturbed(&undisturbed, biome);

@@ -6,7 +6,7 @@
 //! [`age`] with `age_files` and `checkpoint` (centuries of growth, disturbance, death and decay),
 //! [`validation`] and [`gresolet`] (what comes of it, beside what should), [`close_up`] (a picture of a square of what grew),
 //! [`export`] with [`export_format`] and `export_output` (a scene in the formats of other programs),
-//! [`render`] (pictures of it), [`scene_report`] (its figures).
+//! [`render`] (pictures of it), [`scene_report`] (its figures), all of what `scene_content` reads.
 
 pub mod age;
 mod age_files;
@@ -27,6 +27,7 @@ mod measured_canopy;
 mod onto_scene;
 mod paint;
 pub mod render;
+mod scene_content;
 mod scene_files;
 pub mod scene_report;
 pub mod statistics;

@@ -9,8 +9,8 @@ use image::RgbImage;
 use tempfile::TempDir;
 
 use super::Error;
-use super::export::read_scene;
 use super::export_output::{check_apart, check_file, write_error};
+use super::scene_content::{read_manifest, read_scene};
 use crate::abiotics::solar;
 use crate::export::canvas::{Canvas, Rect};
 use crate::export::furniture;
@@ -149,12 +149,8 @@ pub struct Rendered {
 /// # Errors
 /// If the folder holds no scene or nothing to draw, a size or an angle is out of range, or a file cannot be written.
 pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Error> {
-    let usage = |what: String| Error::Usage { what };
     check(request)?;
-    let manifest = Manifest::read(&request.folder)?.ok_or_else(|| {
-        let folder = request.folder.display();
-        usage(format!("{folder}: no scene there; name a folder from wildwood grow"))
-    })?;
+    let manifest = read_manifest(&request.folder)?;
     let frames = frame_files(request)?;
     for file in &frames {
         check_apart(file, &request.folder, &manifest)?;
@@ -213,8 +209,9 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
         pictured = Some(camera);
         lighting = Some(light);
     }
-    let camera =
-        pictured.ok_or_else(|| usage("--turntable: no frames; give 1 or more".to_owned()))?;
+    let camera = pictured.ok_or_else(|| Error::Usage {
+        what: "--turntable: no frames; give 1 or more".to_owned(),
+    })?;
     pictures.commit()?;
     Ok(Rendered {
         files: frames,

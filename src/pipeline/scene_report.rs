@@ -3,9 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::export_output::{check_apart, check_file, write_error};
-use super::{Error, export};
-use crate::export::report::{self, CanopyFit, Figure, ReportInput};
+use super::export_output::{check_apart, check_file};
+use super::scene_content::{read_manifest, read_scene};
+use super::{Error, grow};
+use crate::export::report::figures::{self, CanopyFit, Figure};
+use crate::export::report::{self, ReportInput, Stand};
 use crate::progress::Reporter;
 use crate::scene::{self, Manifest, StageEntry};
 
@@ -23,11 +25,11 @@ pub fn run(
     output: Option<&Path>,
     reporter: &Reporter,
 ) -> Result<(Vec<Figure>, PathBuf), Error> {
-    let manifest = export::read_manifest(folder)?;
+    let manifest = read_manifest(folder)?;
     let path = output.map_or_else(|| folder.join(REPORT_FILE), Path::to_path_buf);
     check_apart(&path, folder, &manifest)?;
     check_file(&path, "report", |head| head.starts_with(b"<!doctype html>"))?;
-    let scene = export::read_scene(folder, &manifest, reporter)?;
+    let scene = read_scene(folder, &manifest, reporter)?;
     if scene.plants.is_empty() {
         let folder = folder.display();
         let what =
@@ -41,26 +43,17 @@ pub fn run(
         })
         .collect();
     let input = ReportInput {
-        fit: manifest.stages.get("canopy").and_then(fit).filter(|_| scene.years == 0),
-        facts: facts(&manifest),
+        fit: manifest.stages.get(grow::STAGE).and_then(fit).filter(|_| scene.years == 0),
+        facts: facts(&manifest, scene.years),
         pictures,
         scene: &scene,
     };
-    let figures = report::figures(&input);
+    let stand = Stand::of(&scene);
+    let figures = figures::figures(&input, &stand);
     reporter.check_cancelled()?;
-    write_beside(&path, report::html(&input, &figures).as_bytes())?;
+    let page = report::html(&input, &stand, &figures);
+    scene::write_beside(&path, page.as_bytes())?;
     Ok((figures, path))
-}
-
-fn write_beside(path: &Path, page: &[u8]) -> Result<(), Error> {
-    let write = || {
-        let path = std::path::absolute(path)?;
-        let staging = scene::staging(path.parent().unwrap_or(&path))?;
-        let staged = staging.path().join(REPORT_FILE);
-        fs::write(&staged, page)?;
-        fs::rename(&staged, &path)
-    };
-    write().map_err(|source| write_error(path, source))
 }
 
 /// How well trees fit the canopy, as the stage recorded it.
@@ -73,7 +66,7 @@ fn fit(stage: &StageEntry) -> Option<CanopyFit> {
     })
 }
 
-fn facts(manifest: &Manifest) -> Vec<(String, String)> {
+fn facts(manifest: &Manifest, years: u32) -> Vec<(String, String)> {
     let scene = &manifest.scene;
     let [east, north] = scene.extent_m;
     let mut facts = vec![
@@ -85,8 +78,7 @@ fn facts(manifest: &Manifest) -> Vec<(String, String)> {
     if !inputs.is_empty() {
         facts.push(("made from".to_owned(), inputs.join(", ")));
     }
-    let years = manifest.stages.get("age").and_then(|stage| stage.figures.get("years"));
-    if let Some(years) = years.and_then(toml::Value::as_integer) {
+    if years > 0 {
         facts.push(("years simulated".to_owned(), years.to_string()));
     }
     facts

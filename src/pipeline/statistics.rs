@@ -163,7 +163,7 @@ fn simulate_and_analyse(
                             )?;
                             let text = serde_json::to_string(&sample)
                                 .map_err(|e| Error::Failed { what: e.to_string() })?;
-                            write(&path(plot), &text)?;
+                            scene::write_beside(&path(plot), text.as_bytes())?;
                             sample
                         }
                     };
@@ -176,19 +176,12 @@ fn simulate_and_analyse(
     let samples: Vec<Sample> = samples.into_iter().flatten().collect();
     drop(stage);
     let curves = request.work.join("plants_by_year.csv");
-    write(&curves, &plants_by_year(&samples))?;
+    scene::write_beside(&curves, plants_by_year(&samples).as_bytes())?;
     reporter.check_cancelled()?;
     let _stage = reporter.stage("analysis", 1);
     let statistics = analysis::analyse(&samples, &biome, request.seed);
-    write(&request.output, &statistics.to_json())?;
+    scene::write_beside(&request.output, statistics.to_json().as_bytes())?;
     Ok(statistics)
-}
-
-/// Writes beside and renames, so that a run that is killed leaves no half file.
-fn write(path: &Path, text: &str) -> Result<(), Error> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    Ok(scene::write_beside(folder.unwrap_or(Path::new(".")), &name, text.as_bytes())?)
 }
 
 /// Live plants on a hectare, a column a plot.

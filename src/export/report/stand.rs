@@ -3,9 +3,8 @@
 use crate::export::selection::SceneContent;
 use crate::plants::Layer;
 use crate::simulation::deadwood::snag::STUMP_M;
+use crate::simulation::forest::LEAST_DBH_M;
 
-/// Least stem that counts in basal areas and numbers of stems, m. Peytavie et al. 2024, section 7.2: 7.5 cm.
-pub const LEAST_DBH_M: f32 = 0.075;
 /// Share of its density below which inventories take wood for soil. chosen: a tenth.
 const LEAST_DENSITY_FRACTION: f32 = 0.1;
 /// Stems a hectare whose mean height is the dominant height. As the field has it.
@@ -34,16 +33,17 @@ pub struct Stand {
     pub lorey_height_m: f64,
     /// Stems of 25 cm a hectare that would be as crowded (Reineke 1933).
     pub stand_density_index: f64,
-    /// Median of height over dbh of canopy trees.
-    pub slenderness: f64,
-    /// Median of crown diameter over height of canopy trees.
-    pub crown_to_height: f64,
-    /// Distance to the nearest canopy tree over that of trees strewn by chance (Clark & Evans 1954): 1 by chance, more is even.
-    pub clark_evans: f64,
+    /// Median of height over dbh of canopy trees, if there are any.
+    pub slenderness: Option<f64>,
+    /// Median of crown diameter over height of canopy trees, if there are any.
+    pub crown_to_height: Option<f64>,
+    /// Distance to the nearest canopy tree over that of trees strewn by chance (Clark & Evans 1954): 1 by chance, more is even;
+    /// none with less than two.
+    pub clark_evans: Option<f64>,
     /// Undergrowth plants a hectare.
     pub undergrowth_per_ha: f64,
     /// Basal area of snags, m²/ha, stumps left out.
-    pub snag_m2_ha: f64,
+    pub snag_basal_area_m2_ha: f64,
     /// Their share of standing basal area.
     pub snags_of_standing_fraction: f64,
     /// Volume that downed logs had when they came down, m³/ha; without those that are soil by now.
@@ -115,7 +115,7 @@ impl Stand {
             crown_to_height: ratios(&|i| [2.0 * plants.crown_radius_m[i], plants.height_m[i]]),
             clark_evans: clark_evans(scene, &canopy, hectares),
             undergrowth_per_ha: per_ha((plants.len() - canopy.len()) as f64),
-            snag_m2_ha: per_ha(snag_m2),
+            snag_basal_area_m2_ha: per_ha(snag_m2),
             snags_of_standing_fraction: snag_m2 / (snag_m2 + basal_m2).max(1e-9),
             downed_log_m3_ha: per_ha(downed_m3),
             snags_per_ha: per_ha(snag_dbhs().count() as f64),
@@ -123,18 +123,18 @@ impl Stand {
     }
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    values.get(values.len() / 2).copied()
 }
 
 /// Mean distance to the nearest neighbour over half the root of the mean ground a tree has.
 ///
 /// # Reference
 /// Clark & Evans 1954, doi:10.2307/1931034, without a correction for the rim.
-fn clark_evans(scene: &SceneContent, canopy: &[usize], hectares: f64) -> f64 {
+fn clark_evans(scene: &SceneContent, canopy: &[usize], hectares: f64) -> Option<f64> {
     if canopy.len() < 2 {
-        return 0.0;
+        return None;
     }
     let plants = &scene.plants;
     let mean_m = 100.0 * (hectares / canopy.len() as f64).sqrt();
@@ -166,7 +166,7 @@ fn clark_evans(scene: &SceneContent, canopy: &[usize], hectares: f64) -> f64 {
         least
     };
     let sum: f64 = canopy.iter().map(|i| nearest_m(*i)).filter(|m| m.is_finite()).sum();
-    sum / canopy.len() as f64 / (0.5 * mean_m)
+    Some(sum / canopy.len() as f64 / (0.5 * mean_m))
 }
 
 #[cfg(test)]
@@ -215,10 +215,13 @@ pub mod tests {
         near(stand.quadratic_mean_dbh_m, 0.3);
         near(stand.dominant_height_m, 25.0);
         near(stand.lorey_height_m, 25.0);
-        near(stand.slenderness, 25.0 / 0.3);
-        near(stand.crown_to_height, 4.0 / 25.0);
+        near(stand.slenderness.unwrap(), 25.0 / 0.3);
+        near(stand.crown_to_height.unwrap(), 4.0 / 25.0);
         // a square lattice is twice as even as chance
-        near(stand.clark_evans, 2.0);
+        near(stand.clark_evans.unwrap(), 2.0);
+        // with no tree there is nothing to tell
+        let bare = Stand::of(&lattice(0, 25.0, 0.3));
+        assert_eq!((bare.slenderness, bare.crown_to_height, bare.clark_evans), (None, None, None));
         // 25.4 cm count as one each
         let stand = Stand::of(&lattice(20, 25.0, 0.254));
         assert!((stand.stand_density_index - 400.0).abs() < 0.1);

@@ -22,4 +22,4 @@ mod tests;
 
 pub use run::{Forest, Site};
 pub use state::{State, StateRef};
-pub use tally::{RECORDED_HEIGHT_M, Tally};
+pub use tally::{LEAST_DBH_M, RECORDED_HEIGHT_M, Tally};
