@@ -52,6 +52,14 @@ impl Window {
             && bottom >= self.top as f32
             && top <= self.bottom as f32
     }
+
+    /// How many pixels of a rectangle (left, top, right, bottom) lie within.
+    #[inline]
+    pub fn shared_px(&self, [left, top, right, bottom]: [f32; 4]) -> f32 {
+        let width_px = right.min(self.right as f32) - left.max(self.left as f32);
+        let height_px = bottom.min(self.bottom as f32) - top.max(self.top as f32);
+        width_px.max(0.0) * height_px.max(0.0)
+    }
 }
 
 /// Slack of edges, in shares of a triangle. chosen: a few roundings, so that neighbours leave no gap.
