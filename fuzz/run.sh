@@ -6,7 +6,7 @@ cd "$(dirname "$0")/.."
 seconds=${1:-600}
 shift || true
 targets=("$@")
-[ ${#targets[@]} -gt 0 ] || targets=(geotiff ascii_grid elv las biome_toml vector schedule)
+[ ${#targets[@]} -gt 0 ] || targets=(geotiff ascii_grid elv las biome_toml vector schedule scene_toml parquet)
 export RUSTC_BOOTSTRAP=1
 for target in "${targets[@]}"; do
   mkdir -p "fuzz/corpus/$target"

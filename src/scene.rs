@@ -158,16 +158,20 @@ impl Manifest {
             }
             Err(source) => return Err(Error::Read { path, source }),
         };
-        let manifest: Self = toml::from_str(&text)
-            .map_err(|e| Error::Manifest { path: path.clone(), problem: e.message().to_owned() })?;
-        if manifest.scene.format != FORMAT {
-            let problem = format!(
-                "folder layout {} where this wildwood knows {FORMAT}",
-                manifest.scene.format
-            );
-            return Err(Error::Manifest { path, problem });
+        Self::parse(&text).map(Some).map_err(|problem| Error::Manifest { path, problem })
+    }
+
+    /// A manifest from its text.
+    ///
+    /// # Errors
+    /// What is wrong with the text, or that it is of a layout not known here.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let manifest: Self = toml::from_str(text).map_err(|e| e.message().to_owned())?;
+        let format = manifest.scene.format;
+        if format != FORMAT {
+            return Err(format!("folder layout {format} where this wildwood knows {FORMAT}"));
         }
-        Ok(Some(manifest))
+        Ok(manifest)
     }
 
     /// The files of all stages.
