@@ -20,35 +20,35 @@ fi
 
 # for the feature gdal, and for slopes and warps against GDAL's programs
 has_gdal() { command -v gdaldem >/dev/null && command -v gdalwarp >/dev/null && pkg-config --exists gdal 2>/dev/null; }
-if ! has_gdal && command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
-  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq gdal-bin libgdal-dev pkg-config >/dev/null ||
-    echo "apt-get cannot install GDAL"
-fi
-skipped=""
-if ! has_gdal; then
-  skipped=" (checks against GDAL's programs skipped: install gdal-bin, libgdal-dev and pkg-config)"
-fi
-
-# for files of 3D programs: the validator of glTF, and another reader of it
-if command -v npm >/dev/null; then
-  npm ci --prefix tests/crosscheck/node --silent --no-audit --no-fund ||
-    fail "npm cannot install the checkers of glTF: is the network there?"
-else
-  skipped="$skipped (checks of glTF by its validator skipped: install node and npm)"
-fi
-
 # for the kernels: Vulkan in software, which every machine can have
 has_vulkan() {
   compgen -G '/usr/share/vulkan/icd.d/lvp_icd*.json' >/dev/null && [ -n "$(ldconfig -p 2>/dev/null | grep 'libvulkan\.so\.1')" ]
 }
-if ! has_vulkan && command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
-  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq mesa-vulkan-drivers libvulkan1 >/dev/null ||
-    echo "apt-get cannot install Vulkan"
+# for tiles in a browser
+has_chromium() { command -v chromium >/dev/null || command -v chromium-browser >/dev/null; }
+packages=()
+has_gdal || packages+=(gdal-bin libgdal-dev pkg-config)
+has_vulkan || packages+=(mesa-vulkan-drivers libvulkan1)
+has_chromium || packages+=(chromium)
+if [ ${#packages[@]} -gt 0 ] && command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
+  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "${packages[@]}" >/dev/null ||
+    echo "apt-get cannot install ${packages[*]}"
 fi
+skipped=""
+has_gdal || skipped="$skipped (checks against GDAL's programs skipped: install gdal-bin, libgdal-dev and pkg-config)"
+has_chromium || skipped="$skipped (checks of 3D Tiles in a browser skipped: install chromium)"
 if has_vulkan; then
   export REQUIRE_GPU=1
 else
   skipped="$skipped (tests of GPU kernels skipped: install mesa-vulkan-drivers and libvulkan1)"
+fi
+
+# for files of 3D programs: the validator of glTF, and other readers of it and of 3D Tiles
+if command -v npm >/dev/null; then
+  npm ci --prefix tests/crosscheck/node --silent --no-audit --no-fund ||
+    fail "npm cannot install the checkers of glTF: is the network there?"
+else
+  skipped="$skipped (checks of glTF and 3D Tiles by other readers skipped: install node and npm)"
 fi
 
 step "Format"
@@ -73,7 +73,8 @@ if has_gdal; then
 fi
 
 step "Python cross-checks"
-cargo build --release --quiet --bins --example run_network
+# quick to link; the program's own settings only make it some percent faster
+CARGO_PROFILE_RELEASE_LTO=false cargo build --release --quiet --bins --example run_network
 [ -x "$target/release/wildwood" ] || fail "no program at $target/release/wildwood"
 .venv/bin/python -m pytest -q -rs --disable-warnings -p no:cacheprovider tests/crosscheck
 

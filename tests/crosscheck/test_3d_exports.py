@@ -193,13 +193,17 @@ def test_usd_levels_are_variants(scene, tmp_path):
 # glTF
 
 
-def node_check(*files):
+def node_run(script, *arguments):
     if shutil.which("node") is None or not (NODE / "node_modules").is_dir():
         pytest.skip("no node, or its packages are not installed: see test.sh")
-    command = ["node", NODE / "check_gltf.mjs", *files]
+    command = ["node", NODE / script, *arguments]
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    reports = [json.loads(line) for line in done.stdout.splitlines()]
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def node_check(*files):
+    reports = node_run("check_gltf.mjs", *files)
     for report in reports:
         assert report["errors"] == 0 and report["warnings"] == 0, report["messages"]
     return reports
@@ -335,6 +339,35 @@ def test_tiles_place_every_row_on_the_globe(scene, tables, tmp_path):
     assert len(files) == sum("content" in tile for tile, _ in tiles) - 1
     assert {file.name[0] for file in files} == {"0", "1", "2"}
     node_check(folder / "terrain.glb", *files)
+
+
+def test_tiles_are_walked_by_cesiums_tools(scene, tables, tmp_path):
+    folder = export(scene, tmp_path / "tiles", "3dtiles")
+    [counts] = node_run("count_tiles.mjs", folder / "tileset.json")
+    assert counts["instances"] == sum(len(table) for table in tables.values())
+    assert counts["levels"] > 2 and counts["contents"] == counts["tiles"]
+
+
+def test_a_click_in_cesium_tells_what_a_tree_is(scene, tables, tmp_path):
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        pytest.skip("no chromium: see test.sh")
+    folder = export(scene, tmp_path / "tiles", "3dtiles", "--layers", "canopy")
+    plants = tables["Plants"]
+    canopy = plants[plants["layer"] == "canopy"]
+    trees = canopy.nlargest(len(canopy) // 2, "height_m").sample(2, random_state=1)
+    # a click on its top from above meets its own crown: half the trees are lower
+    longitude, latitude = pyproj.Transformer.from_crs(SYSTEM, "EPSG:4326", always_xy=True).transform(trees["x"], trees["y"])
+    tops = trees["z_m"] + trees["height_m"]
+    places = [dict(longitude=o, latitude=a, height_m=h) for o, a, h in zip(longitude, latitude, tops)]
+    (tmp_path / "places.json").write_text(json.dumps(places), encoding="utf-8")
+    [seen] = node_run("click_tiles.mjs", chromium, folder, tmp_path / "places.json", tmp_path / "forest.png")
+    assert seen["problems"] == []
+    for (_, tree), click in zip(trees.iterrows(), seen["clicks"], strict=True):
+        assert click is not None, "the click met no tree"
+        assert (click["id"], click["species"], click["layer"]) == (tree["id"], tree["species"], "canopy")
+        for name in ("height_m", "crown_radius_m", "age_years", "dbh_m", "vigor"):
+            assert click[name] == pytest.approx(tree[name], rel=2e-3, abs=1e-3), name
 
 
 def test_tiles_ground_follows_the_globe(scene, tmp_path):
