@@ -178,6 +178,7 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
     let classes = [&selection.snags.decay_class[..], &selection.downed_logs.decay_class[..]];
     let mut world = World::new(&instances, ground, &selection.biome, classes, request.season);
     world.painted = figures::paint(request.colour, &selection, &instances);
+    world.is_leafless = request.colour == Colour::Decay;
 
     let sun = sun(request, &manifest);
     let sky = Sky::new(sun, request.haze);
@@ -200,7 +201,9 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
             _ => Lighting::new(&world, sky, &camera),
         };
         reporter.check_cancelled()?;
-        let picture = take(request, &world, &light, &camera);
+        let mut canvas = Canvas::from_image(take(request, &world, &light, &camera));
+        figures::draw_key(&mut canvas, request.colour, &selection);
+        let picture = canvas.into_image();
         let png = preview::encode_png(&picture).map_err(std::io::Error::other);
         let png = png.map_err(|source| write_error(file, source))?;
         pictures.write(number, &png)?;
@@ -437,7 +440,9 @@ fn take(request: &RenderRequest, world: &World<'_>, light: &Lighting, camera: &C
         size_px: request.size_px,
         finer: request.finer,
         has_walls: request.view != ViewRequest::Map,
-        is_strewn: !is_far(world, camera) || request.view == ViewRequest::Profile,
+        // grass and litter have no figures
+        is_strewn: request.colour == Colour::Natural
+            && (!is_far(world, camera) || request.view == ViewRequest::Profile),
         has_fixed_sky: is_far(world, camera),
         exposure: None,
     };

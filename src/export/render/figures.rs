@@ -2,9 +2,14 @@
 
 use super::vector::Vec3;
 use super::world::linear_rgb;
+use crate::export::canvas::{Canvas, Rect};
+use crate::export::furniture::{self, rounded};
 use crate::export::instances::{FeatureTable, Instances};
-use crate::export::ramp::{Ramp, Spread};
+use crate::export::lettering::{Align, Lettering};
+use crate::export::ramp::{Ramp, Rgb, Spread};
 use crate::export::selection::Selection;
+use crate::export::{scale, species_legend};
+use crate::plants::{Layer, Plants};
 
 /// What colours mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -18,7 +23,7 @@ pub enum Colour {
     Age,
     /// Vigor of plants; deadwood is grey.
     Vigor,
-    /// Decay class of deadwood; plants are pale.
+    /// Decay class of deadwood; plants are pale stems without leaves, which would hide it.
     Decay,
 }
 
@@ -50,6 +55,22 @@ const PALE: [u8; 3] = [196, 202, 190];
 const DECAY: [[u8; 3]; 5] =
     [[250, 222, 140], [240, 160, 80], [206, 92, 66], [130, 48, 76], [58, 28, 64]];
 
+/// The ramp of a figure of plants, and the values it is spread over; `None` where colours are no ramp's.
+fn scale_of(colour: Colour, plants: &Plants) -> Option<(Ramp, Spread)> {
+    match colour {
+        Colour::Age => {
+            // undergrowth outnumbers the canopy, and would leave one colour for all of it
+            let is_canopy = |layer: &Layer| *layer == Layer::Canopy;
+            let ages = plants.layer.iter().zip(&plants.age_years);
+            let ages = ages.filter(|(layer, _)| is_canopy(layer)).map(|(_, age)| *age);
+            let ages = Spread::robust(ages).or(Spread::robust(plants.age_years.iter().copied()));
+            Some((Ramp::SUNLIGHT, Spread { low: 0.0, high: ages.map_or(1.0, |ages| ages.high) }))
+        }
+        Colour::Vigor => Some((Ramp::CANOPY_HEIGHT, Spread { low: -0.2, high: 1.0 })),
+        Colour::Natural | Colour::Species | Colour::Decay => None,
+    }
+}
+
 /// Colours of each instance, by group; `None` where they are natural.
 pub fn paint(
     colour: Colour,
@@ -59,13 +80,13 @@ pub fn paint(
     if colour == Colour::Natural {
         return None;
     }
-    let spread = |values: &[f32]| {
-        Spread::robust(values.iter().copied()).unwrap_or(Spread { low: 0.0, high: 1.0 })
-    };
-    let (plants, ages, vigors) =
-        (&selection.plants, spread(&selection.plants.age_years), Spread { low: -0.2, high: 1.0 });
-    let ramp = |ramp: &Ramp, place: f32| {
-        linear_rgb(ramp.color(place).map(|c| (c + 0.5).clamp(0.0, 255.0) as u8)) // clamped
+    let plants = &selection.plants;
+    let scale = scale_of(colour, plants);
+    let of_plant = |row: usize| {
+        let values = if colour == Colour::Age { &plants.age_years } else { &plants.vigor };
+        let living = if colour == Colour::Decay { PALE } else { GREY };
+        let color = scale.map(|(ramp, spread)| rounded(ramp.color(spread.place(values[row]))));
+        linear_rgb(color.unwrap_or(living))
     };
     let decay =
         |classes: &[u8], row: usize| linear_rgb(DECAY[usize::from(classes[row].clamp(1, 5)) - 1]);
@@ -73,15 +94,9 @@ pub fn paint(
         (Colour::Species, _) => {
             linear_rgb(selection.biome.species[usize::from(species)].color_srgb)
         }
-        (Colour::Age, FeatureTable::Plants) => {
-            ramp(&Ramp::SUNLIGHT, ages.place(plants.age_years[row]))
-        }
-        (Colour::Vigor, FeatureTable::Plants) => {
-            ramp(&Ramp::CANOPY_HEIGHT, vigors.place(plants.vigor[row]))
-        }
+        (_, FeatureTable::Plants) => of_plant(row),
         (Colour::Decay, FeatureTable::Snags) => decay(&selection.snags.decay_class, row),
         (Colour::Decay, FeatureTable::DownedLogs) => decay(&selection.downed_logs.decay_class, row),
-        (Colour::Decay, FeatureTable::Plants) => linear_rgb(PALE),
         _ => linear_rgb(GREY),
     };
     let groups = instances.groups.iter().map(|group| {
@@ -90,4 +105,90 @@ pub fn paint(
         group.row.iter().map(|row| of_row(group.table, species, *row as usize)).collect()
     });
     Some(groups.collect())
+}
+
+/// Pictures smaller than this have no key: it would hide them.
+const LEAST_KEY_SIZE_PX: [u32; 2] = [480, 320];
+/// The plate under a key: distance from the picture's edge, width, and room around its content.
+const PLATE_MARGIN_PX: u32 = 12;
+const PLATE_WIDTH_PX: u32 = 264;
+const PADDING_PX: u32 = 14;
+/// Height of a swatch's row, and of the rest of a plate.
+const ROW_PX: u32 = 22;
+const HEAD_PX: u32 = 44;
+const BAR_PX: u32 = 12;
+
+/// Draws what colours mean into the upper left corner of a picture that is large enough.
+pub fn draw_key(canvas: &mut Canvas, colour: Colour, selection: &Selection) {
+    let (width, height) = canvas.image().dimensions();
+    let [least_width, least_height] = LEAST_KEY_SIZE_PX;
+    if colour == Colour::Natural || width < least_width || height < least_height {
+        return;
+    }
+    let swatches = swatches(colour, selection);
+    let room = (height - 2 * PLATE_MARGIN_PX - HEAD_PX) / ROW_PX;
+    let rows = (swatches.len() as u32).min(room); // a few dozen
+    let scale = scale_of(colour, &selection.plants);
+    let tall = HEAD_PX + rows * ROW_PX + if scale.is_some() { ROW_PX + BAR_PX } else { 0 };
+    let (x, y) = (PLATE_MARGIN_PX, PLATE_MARGIN_PX);
+    canvas.paint(Rect { x, y, width: PLATE_WIDTH_PX, height: tall }, |_, _| furniture::PAPER);
+    let lettering = Lettering::default();
+    let (left, mut top) = (x + PADDING_PX, y + HEAD_PX - 10);
+    let title = match colour {
+        Colour::Natural => "",
+        Colour::Species => "Species",
+        Colour::Age => "Age, years",
+        Colour::Vigor => "Vigor",
+        Colour::Decay => "Decay class",
+    };
+    // pixels of a picture: exact in f32
+    let baseline = (y + 26) as f32;
+    lettering.draw(canvas, left as f32, baseline, Align::Left, title, furniture::CAPTION);
+    if let Some((ramp, spread)) = scale {
+        let bar = Rect { x: left, y: top, width: PLATE_WIDTH_PX - 2 * PADDING_PX, height: BAR_PX };
+        let across = bar.width as f32;
+        canvas.paint(bar, |px, _| rounded(ramp.color((px as f32 + 0.5) / across)));
+        canvas.frame(bar, furniture::INK);
+        top = bar.bottom() + 4;
+        let [low, high] = [spread.low, spread.high].map(f64::from);
+        for tick in scale::ticks(low, high, 5) {
+            // places along a bar need no more digits
+            let at = left as f32 + across * spread.place(tick as f32);
+            let text = scale::trimmed(tick, 2);
+            let baseline = (top + 13) as f32;
+            lettering.draw(canvas, at, baseline, Align::Center, &text, furniture::LABEL);
+        }
+        top += ROW_PX - 4;
+    }
+    for (name, color) in swatches.iter().take(rows as usize) {
+        let swatch = Rect { x: left, y: top, width: 16, height: 14 };
+        canvas.paint(swatch, |_, _| *color);
+        canvas.frame(swatch, furniture::INK);
+        let (x, y) = ((left + 26) as f32, (top + 12) as f32);
+        let room_px = (PLATE_WIDTH_PX - 2 * PADDING_PX - 26) as f32;
+        let name = lettering.shortened(name, furniture::LABEL, room_px);
+        lettering.draw(canvas, x, y, Align::Left, &name, furniture::LABEL);
+        top += ROW_PX;
+    }
+}
+
+/// Names of colours that stand for one thing each.
+fn swatches(colour: Colour, selection: &Selection) -> Vec<(String, Rgb)> {
+    let dead = || ("Deadwood".to_owned(), GREY);
+    match colour {
+        Colour::Natural => Vec::new(),
+        Colour::Species => species_legend::entries(&selection.plants, &selection.biome)
+            .into_iter()
+            .map(|entry| (entry.name, entry.color))
+            .collect(),
+        Colour::Age | Colour::Vigor => vec![dead()],
+        Colour::Decay => {
+            let words = ["fresh", "firm", "softening", "soft", "crumbling"];
+            let classes = (1..).zip(words).zip(DECAY);
+            let mut entries: Vec<_> =
+                classes.map(|((class, word), color)| (format!("{class}, {word}"), color)).collect();
+            entries.push(("Living stems".to_owned(), PALE));
+            entries
+        }
+    }
 }

@@ -13,6 +13,8 @@ const GRASS_GREEN: Vec3 = vec3(0.060, 0.098, 0.022);
 const GRASS_STRAW: Vec3 = vec3(0.270, 0.205, 0.092);
 const ROCK: Vec3 = vec3(0.250, 0.240, 0.220);
 const MOSS: Vec3 = vec3(0.058, 0.085, 0.020);
+/// Ground where colours stand for figures.
+const NEUTRAL: Vec3 = vec3(0.105, 0.108, 0.112);
 
 /// A fallen leaf's colour by a share 0..=1.
 pub fn litter(share: f32) -> Vec3 {
@@ -43,6 +45,9 @@ pub fn dryness(world: &World<'_>, x: f32, y: f32) -> f32 {
 /// The ground's colour at a place with a normal that sees `open_sky` of the sky, in pixels of `px_m`.
 pub fn ground(world: &World<'_>, place: Vec3, normal: Vec3, px_m: f32, open_sky: f32) -> Vec3 {
     let (x, y) = (place.x, place.y);
+    if world.painted.is_some() {
+        return NEUTRAL * (0.85 + 0.3 * smooth_level(x / 23.0, y / 23.0, 1));
+    }
     let field = &world.ground;
     // grain that is finer than a pixel would only glitter
     let grain = |scale_m: f32, layer: i32| {

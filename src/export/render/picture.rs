@@ -105,7 +105,8 @@ pub fn take(
     let sky = light.iter_mut().zip(&is_sky).filter(|(_, is_sky)| **is_sky);
     sky.for_each(|(light, _)| *light /= held_back);
     let size = [width as usize, height as usize]; // as large as the picture
-    let bytes = tone::develop(&light, size[0], size[1], finer as usize, exposure);
+    let power = if options.has_fixed_sky { 1.0 } else { tone::FLECK_POWER };
+    let bytes = tone::develop(&light, size, finer as usize, exposure, power);
     match RgbImage::from_raw(width, height, bytes) {
         Some(picture) => picture,
         None => panic!("a developed picture has three bytes a pixel"),

@@ -9,6 +9,9 @@ use crate::math;
 /// Powers of light below and above grey before the curve. chosen: leaves of a forest are much alike; a little more contrast tells them apart.
 const SHADE_CONTRAST: f32 = 1.22;
 const SUN_CONTRAST: f32 = 1.06;
+/// Power of the brightness of what is brighter than grey in the forest. chosen: sun flecks are twenty times as bright as the shade
+/// around them, and eyes see the colours of both.
+pub const FLECK_POWER: f32 = 0.45;
 /// A grey card's light, which contrast leaves as it is.
 const GREY: f32 = 0.18;
 /// Steps of the curve's table. chosen: finer than 8 bits anywhere.
@@ -77,13 +80,22 @@ impl Curve {
     }
 }
 
-/// A picture of `width` × `height` from light `finer` times finer each way.
+/// Light whose brightness over grey is raised to a power; its hue stays.
+fn held_back(light: Vec3, power: f32) -> Vec3 {
+    let brightness = light.dot(LUMINANCE);
+    if power == 1.0 || brightness <= GREY {
+        return light;
+    }
+    light * math::powf(brightness / GREY, power - 1.0)
+}
+
+/// A picture of `width` × `height` from light `finer` times finer each way; brightness over grey is raised to `power`.
 pub fn develop(
     light: &[Vec3],
-    width: usize,
-    height: usize,
+    [width, height]: [usize; 2],
     finer: usize,
     exposure: f32,
+    power: f32,
 ) -> Vec<u8> {
     let curve = Curve::default();
     let mut bytes = vec![0; width * height * 3];
@@ -99,7 +111,8 @@ pub fn develop(
                 for x in cols.clone() {
                     let weight = tent(y, row, finer) * tent(x, col, finer);
                     // coded before averaging: a bright sample must not outshine its neighbours
-                    sum += (light[y * across + x] * exposure).map(|v| curve.code(v)) * weight;
+                    let exposed = held_back(light[y * across + x] * exposure, power);
+                    sum += exposed.map(|v| curve.code(v)) * weight;
                     weights += weight;
                 }
             }
@@ -145,8 +158,10 @@ mod tests {
     #[test]
     fn even_light_stays_even_and_exposure_finds_the_mean() {
         let light = vec![Vec3::splat(0.3); 16 * 8];
-        let bytes = develop(&light, 8, 4, 2, 1.0);
+        let bytes = develop(&light, [8, 4], 2, 1.0, FLECK_POWER);
         assert!(bytes.iter().all(|byte| byte.abs_diff(bytes[0]) <= 1));
+        let [below, above] = [0.1, 0.72].map(|v| held_back(Vec3::new(v, v, v), 0.5));
+        assert!(below.x == 0.1 && (above.x - 0.36).abs() < 1e-5, "{below} {above}");
         let dark = vec![Vec3::splat(0.1); 70];
         assert!((exposure(&dark, 0.15, |_| false) - 1.5).abs() < 1e-3);
         assert_eq!(exposure(&dark, 0.15, |_| true), 1.0);

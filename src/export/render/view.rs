@@ -27,6 +27,8 @@ const CENTRINGS: usize = 4;
 const SPOTS: usize = 28;
 /// Directions tried at each.
 const HEADINGS: usize = 12;
+/// What a view loses that is hidden from edge to edge. chosen: more than tall trees and deadwood can win.
+const HIDING: f32 = 14.0;
 
 /// An aerial view of all that stands on the terrain, from an azimuth (of the direction one looks along).
 pub fn overview(ground: &Ground, tallest_m: f32, azimuth_rad: f32, size_px: [f32; 2]) -> Camera {
@@ -209,7 +211,8 @@ pub fn forest_floor(
             let along = math::sin(azimuth) * sun.x + math::cos(azimuth) * sun.y;
             // light from the side, or a little against it
             let light = 1.2 - (along - 0.25).abs();
-            let score = spot_score(here, azimuth, &near, ground) + light;
+            let hidden = hidden_share(here, azimuth, &near);
+            let score = spot_score(here, azimuth, &near, ground) + light - HIDING * hidden;
             if score > best.0 {
                 best = (score, here, azimuth);
             }
@@ -225,6 +228,39 @@ pub fn forest_floor(
     let target = vec3(ahead.x, ahead.y, z + 2.4);
     let [azimuth_rad, pitch_rad] = direction_angles(eye, target);
     Camera::perspective(eye, azimuth_rad, pitch_rad.clamp(-0.25, 0.25), FOREST_FOV_RAD, size_px)
+}
+
+/// Fields across the view that are told apart when asked how far one sees.
+const SIGHT_FIELDS: usize = 24;
+/// From this distance on a shrub hides little, m.
+const SIGHT_M: f32 = 14.0;
+
+/// Share of a view that plants right before it hide, 0..=1: nearer ones hide all, those at [`SIGHT_M`] nothing.
+fn hidden_share(here: Vec3, azimuth_rad: f32, near: &[&Neighbour]) -> f32 {
+    let mut hidden = [0.0_f32; SIGHT_FIELDS];
+    let field = FOREST_FOV_RAD / SIGHT_FIELDS as f32;
+    for neighbour in near {
+        let d = neighbour.place - here;
+        let distance_m = (d.x * d.x + d.y * d.y).sqrt().max(NEAR_M);
+        // taller trees have their crowns above one's head
+        let is_low = neighbour.table == FeatureTable::Plants && neighbour.height_m < 12.0;
+        if !is_low || distance_m > SIGHT_M {
+            continue;
+        }
+        // what ends below the horizon hides the ground only
+        let top = (d.z + neighbour.height_m - EYE_HEIGHT_M) / distance_m;
+        let weight = (0.5 + 2.0 * top).clamp(0.0, 1.0) * (1.0 - distance_m / SIGHT_M);
+        let turn = math::atan2(d.x, d.y) - azimuth_rad;
+        let off = turn - std::f32::consts::TAU * (turn / std::f32::consts::TAU).round();
+        let half = math::atan2(neighbour.radius_m, distance_m);
+        let place = |angle: f32| (angle + 0.5 * FOREST_FOV_RAD) / field;
+        let (first, last) = (place(off - half).max(0.0), place(off + half));
+        // fields within the view
+        for share in hidden.iter_mut().take(last.max(0.0) as usize).skip(first as usize) {
+            *share = share.max(weight);
+        }
+    }
+    hidden.iter().sum::<f32>() / SIGHT_FIELDS as f32
 }
 
 /// How good a spot is to look from along an azimuth.

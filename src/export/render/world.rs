@@ -66,6 +66,8 @@ pub struct World<'a> {
     decay_classes: [&'a [u8]; 2],
     /// Colours that stand for a figure, by group and instance; natural ones where there are none.
     pub painted: Option<Vec<Vec<Vec3>>>,
+    /// Whether plants are drawn without leaves, so that deadwood among them is seen.
+    pub is_leafless: bool,
 }
 
 /// A colour channel in linear light.
@@ -121,6 +123,7 @@ impl<'a> World<'a> {
             palette: palette.collect(),
             decay_classes,
             painted: None,
+            is_leafless: false,
         }
     }
 
@@ -133,7 +136,8 @@ impl<'a> World<'a> {
     /// Whether plants of a group bear leaves in this season.
     #[inline]
     pub fn group_has_leaves(&self, group: &InstanceGroup) -> bool {
-        self.season != Season::Winter || !self.is_deciduous[self.species(group)]
+        let is_shed = self.season == Season::Winter && self.is_deciduous[self.species(group)];
+        !self.is_leafless && !is_shed
     }
 
     /// Whether an instance bears leaves in this season.
