@@ -20,8 +20,8 @@ pub struct DemoArguments {
     /// Scene folder to make.
     #[arg(long, short, value_name = "FOLDER", default_value = "demo-forest")]
     output: PathBuf,
-    /// Biome whose climate the landscape gets: sonoma, pyrenees.
-    #[arg(long, default_value = DEFAULT_BIOME)]
+    /// Biome whose climate and species the landscape gets: sonoma, pyrenees, or a file of your own (wildwood biome).
+    #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_BIOME)]
     biome: String,
     /// Cells along a side; a cell is 2 m.
     #[arg(long, value_name = "CELLS", default_value_t = 512, value_parser = clap::value_parser!(u16).range(16..=8192))]

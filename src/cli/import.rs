@@ -29,8 +29,8 @@ pub struct ImportArguments {
 /// How terrain files become a scene.
 #[derive(Args, Default)]
 pub struct TerrainArguments {
-    /// Biome whose climate and species the scene gets: sonoma, pyrenees [default: sonoma].
-    #[arg(long)]
+    /// Biome whose climate and species the scene gets: sonoma, pyrenees, or a file of your own (wildwood biome) [default: sonoma].
+    #[arg(long, value_name = "NAME|FILE")]
     biome: Option<String>,
     /// TOML file with a `[climate]` table, and if wanted `[soil]`, instead of the biome's.
     #[arg(long, value_name = "FILE")]

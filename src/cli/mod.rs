@@ -5,6 +5,7 @@
 mod age;
 mod bench;
 mod bench_forest;
+mod biome;
 mod demo;
 mod doctor;
 mod export;
@@ -91,6 +92,8 @@ enum Command {
     Export(Box<export::ExportArguments>),
     /// Draw pictures of a scene in sun, shade and haze: from the air, from the forest floor, as a section or from above.
     Render(Box<render::RenderArguments>),
+    /// List a biome's species and check its file, or write a built-in one to start your own from.
+    Biome(biome::BiomeArguments),
     /// Simulate a biome's undergrowth on made-up plots and write the statistics that grow synthesises it from (some minutes).
     Statistics(statistics::StatisticsArguments),
     /// Measure simulation and synthesis of undergrowth, and of deadwood, beside what ecology and the papers say (half a minute).
@@ -132,6 +135,7 @@ pub fn main() -> ExitCode {
         Command::Age(arguments) => age::run(arguments, shared, &reporter),
         Command::Export(arguments) => export::run(arguments, shared, &reporter),
         Command::Render(arguments) => render::run(arguments, shared, &reporter),
+        Command::Biome(arguments) => biome::run(arguments, shared),
         Command::Statistics(arguments) => statistics::run(arguments, shared, &reporter),
         Command::Validate(arguments) => validate::run(arguments, shared, &reporter),
         Command::Bench(arguments) => bench::run(arguments, &reporter),

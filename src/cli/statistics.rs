@@ -13,8 +13,8 @@ use crate::progress::Reporter;
 /// What `wildwood statistics` takes.
 #[derive(Args)]
 pub struct StatisticsArguments {
-    /// Biome whose undergrowth is simulated: sonoma, pyrenees.
-    #[arg(long, default_value = DEFAULT_BIOME)]
+    /// Biome whose undergrowth is simulated: sonoma, pyrenees, or a file of your own (wildwood biome).
+    #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_BIOME)]
     biome: String,
     /// File to write, for --undergrowth-statistics.
     #[arg(long, short, value_name = "FILE")]

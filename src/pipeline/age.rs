@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::age_files::{self, Aged};
 use super::checkpoint::{self, Checkpoint};
 use super::scene_files::read_plants_of;
-use super::{Error, close_up, grow, import, undergrowth};
+use super::{Error, biome_file, close_up, grow, import, undergrowth};
 use crate::abiotics::{self, AbioticMaps};
 use crate::canopy::site::Site as MeanSite;
 use crate::io::{self, ParseError};
@@ -128,7 +128,7 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
             request.folder.display()
         ));
     };
-    let biome = Biome::builtin(&manifest.scene.biome)?;
+    let biome = biome_file::of_scene(&request.folder, &manifest)?;
     let schedule = read_schedule(request, &biome)?;
     let folder = match &request.output {
         Some(output) => output.clone(),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::scene_files::{read_deadwood, read_plants};
-use super::{Error, import};
+use super::{Error, biome_file, import};
 use crate::export::close_up::area::Area;
 use crate::export::close_up::{CloseUpInput, close_up};
 use crate::export::preview;
@@ -12,7 +12,6 @@ use crate::io::raster_file;
 use crate::progress::Reporter;
 use crate::raster::{Grid, MapPoint, Mask};
 use crate::scene::{self, Manifest};
-use crate::species::Biome;
 
 /// The picture's name in a scene folder.
 pub const FILE: &str = "close_up.png";
@@ -48,7 +47,7 @@ pub fn write(
 ) -> Result<PathBuf, Error> {
     check(manifest, area)?;
     let stage = reporter.stage("close-up", 2);
-    let biome = Biome::builtin(&manifest.scene.biome)?;
+    let biome = biome_file::of_scene(folder, manifest)?;
     let elevation_m = import::load_terrain(folder, manifest)?.elevation_m;
     let plants = read_plants(folder, &biome, elevation_m.frame())?;
     let deadwood = read_deadwood(folder, &biome, elevation_m.frame())?;

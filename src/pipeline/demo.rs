@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use super::biome_file::ChosenBiome;
 use super::grow::{self, CanopyInput, CanopyRequest};
 use super::import::{self, ImportRequest, ReadTerrain};
 use super::undergrowth::{self, UndergrowthInput, UndergrowthRequest};
@@ -12,7 +13,6 @@ use crate::canopy::site::Site;
 use crate::forest_floor::grass;
 use crate::progress::Reporter;
 use crate::scene::{self, Manifest, SceneHead, Transaction};
-use crate::species::Biome;
 use crate::terrain::generate::{self, GenerateParams};
 use crate::{abiotics, canopy};
 
@@ -29,7 +29,8 @@ pub fn run(
     if Manifest::read(&folder)?.is_some_and(|scene| !scene.inputs.is_empty()) {
         return Err(scene::Error::RealScene { path: folder }.into());
     }
-    let climate = Biome::builtin(biome)?.climate;
+    let chosen = ChosenBiome::read(biome)?;
+    let climate = chosen.biome.climate.clone();
     let request = ImportRequest {
         biome: biome.to_owned(),
         seed: Some(terrain.seed),
@@ -51,15 +52,16 @@ pub fn run(
         &mut transaction,
         key,
         &request,
+        chosen.own_text.as_deref(),
         &climate,
         reporter,
     )?;
     stages.insert("abiotics".to_owned(), entry);
-    let scene = SceneHead::new(&request.folder, &read.terrain, biome, terrain.seed);
+    let scene = SceneHead::new(&request.folder, &read.terrain, &chosen.biome.key, terrain.seed);
     let mut manifest = Manifest { scene, inputs: Vec::new(), stages };
 
     // trees on a canopy of its own
-    let species = Biome::builtin(biome)?;
+    let species = chosen.biome;
     let site = Site::of(&maps);
     let canopy = canopy::generate::GenerateParams { seed: terrain.seed, ..Default::default() };
     let chm_m = canopy::generate::generate(&read.terrain, &site, &canopy, reporter)?;
@@ -85,7 +87,7 @@ pub fn run(
         canopy: &grown.plants,
     };
     let undergrowth_request = UndergrowthRequest::default();
-    let statistics = undergrowth_request.read_statistics(&species)?;
+    let statistics = undergrowth_request.read_statistics(&species, reporter)?;
     let undergrowth = undergrowth::grow(
         &beneath,
         statistics.as_ref().map(|s| &s.0),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::biome_file::{self, ChosenBiome};
 use super::import::{self, ImportRequest};
 use super::learned_canopy::{self, LearnedCanopy, LearnedRequest};
 use super::measured_canopy::MeasuredCanopy;
@@ -179,16 +180,16 @@ pub fn run(request: &GrowRequest, reporter: &Reporter) -> Result<Manifest, Error
         GroundSource::Scene { folder, .. } => folder.clone(),
     };
     let existing = Manifest::read(&folder)?;
-    let biome = Biome::builtin(match (&request.ground, &existing) {
-        (GroundSource::Files(import), _) => &import.biome,
-        (GroundSource::Scene { .. }, Some(manifest)) => &manifest.scene.biome,
+    let biome = match (&request.ground, &existing) {
+        (GroundSource::Files(import), _) => ChosenBiome::read(&import.biome)?.biome,
+        (GroundSource::Scene { .. }, Some(manifest)) => biome_file::of_scene(&folder, manifest)?,
         (GroundSource::Scene { .. }, None) => return Err(no_scene(&folder)),
-    })?;
+    };
     let shares = match &request.canopy.shares {
         Some(text) => Shares::parse(text, &biome)?,
         None => Shares::default(),
     };
-    let statistics = request.undergrowth.read_statistics(&biome)?;
+    let statistics = request.undergrowth.read_statistics(&biome, reporter)?;
     let given: Vec<PathBuf> = (request.chm.iter())
         .chain(&request.undergrowth.statistics)
         .chain(&request.canopy.exclude)

@@ -1,9 +1,10 @@
 //! Real terrain into a scene folder: read, make terrain, make abiotic maps, write.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
+use super::biome_file::{self, ChosenBiome};
 use super::scene_files::{StageFiles, mean};
 use super::{Error, age, grow, undergrowth};
 use crate::abiotics::{self, AbioticMaps};
@@ -13,7 +14,7 @@ use crate::io::{self, Limits, ParseError, las, raster_file};
 use crate::progress::{Reporter, Stage, Warning};
 use crate::raster::{Crs, Frame, GeoTransform, Grid, LengthUnit, MONTHS, MapWindow, Mask};
 use crate::scene::{self, Input, Manifest, SceneHead, StageEntry, Transaction, hash_file};
-use crate::species::{Biome, Climate};
+use crate::species::Climate;
 use crate::terrain::framing::Placement;
 use crate::terrain::import::{self as terrain_import, ImportParams};
 use crate::terrain::mosaic::NamedRaster;
@@ -25,9 +26,6 @@ pub const RESULTS_VERSION: u32 = 3;
 /// The parameter of the abiotic stage that names its climate.
 const CLIMATE_NAME: &str = "climate_name";
 
-/// Bytes read of a climate file at most; chosen: above what the parser takes, so that it tells.
-const MAX_CLIMATE_BYTES: u64 = 16 << 20;
-
 /// What to import, from where, to where.
 #[derive(Clone, Debug)]
 pub struct ImportRequest {
@@ -35,7 +33,7 @@ pub struct ImportRequest {
     pub inputs: Vec<PathBuf>,
     /// The scene folder.
     pub folder: PathBuf,
-    /// A built-in biome's name.
+    /// A built-in biome's name, or the path of a biome file.
     pub biome: String,
     /// A climate file instead of the biome's own climate.
     pub climate_file: Option<PathBuf>,
@@ -92,7 +90,8 @@ pub struct MeasuredCanopy {
 /// Bad input, a full disk, a cancelled run; the folder is then as it was.
 pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Error> {
     let existing = Manifest::read(&request.folder)?;
-    let climate = climate(request)?;
+    let chosen = ChosenBiome::read(&request.biome)?;
+    let climate = climate(request, &chosen)?;
     let mut files = request.inputs.clone();
     files.extend(request.inputs.iter().flat_map(|path| raster_file::beside(path)));
     let mut inputs = hash_inputs(&files)?;
@@ -105,16 +104,19 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         let latitude_deg = from_climate.then_some(climate.latitude_deg);
         let terrain =
             key(&["terrain", &format!("{inputs:?} {:?} {latitude_deg:?}", request.terrain)]);
-        let abiotics =
-            key(&["abiotics", &terrain, &climate_text, &format!("{:?}", request.abiotics)]);
+        let params = format!("{:?}", request.abiotics);
+        let mut parts = vec!["abiotics", &terrain, &climate_text, &params];
+        parts.extend(chosen.own_text.as_deref());
+        let abiotics = key(&parts);
         (terrain, abiotics)
     };
     let (terrain_key, abiotics_key) =
         keys(existing.as_ref().is_some_and(|m| m.scene.crs == scene::LOCAL));
     let own_seed = existing.as_ref().map(|manifest| manifest.scene.seed);
     let seed = request.seed.or(own_seed).unwrap_or(DEFAULT_SEED);
-    let head_is_current =
-        existing.as_ref().is_some_and(|m| m.scene.biome == request.biome && m.scene.seed == seed);
+    let head_is_current = existing
+        .as_ref()
+        .is_some_and(|m| m.scene.biome == chosen.biome.key && m.scene.seed == seed);
     let current = |stage: &str, key: &str| match &existing {
         Some(manifest) => manifest.is_current(&request.folder, stage, key),
         None => Ok(false),
@@ -136,7 +138,7 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
         }
         None => read_terrain_in(request, &climate, reporter)?,
     };
-    let scene = SceneHead::new(&request.folder, &read.terrain, &request.biome, seed);
+    let scene = SceneHead::new(&request.folder, &read.terrain, &chosen.biome.key, seed);
     let (terrain_key, abiotics_key) = keys(scene.crs == scene::LOCAL);
     inputs.extend(hash_inputs(request.climate_file.as_slice())?);
     let mut manifest =
@@ -173,6 +175,7 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
             &mut transaction,
             abiotics_key,
             request,
+            chosen.own_text.as_deref(),
             &climate,
             reporter,
         )?;
@@ -200,7 +203,8 @@ fn warn_of_climate_from_elsewhere(terrain: &Terrain, climate: &Climate, reporter
 /// # Errors
 /// Bad input or a cancelled run.
 pub fn read_terrain(request: &ImportRequest, reporter: &Reporter) -> Result<ReadTerrain, Error> {
-    read_terrain_in(request, &climate(request)?, reporter)
+    let climate = climate(request, &ChosenBiome::read(&request.biome)?)?;
+    read_terrain_in(request, &climate, reporter)
 }
 
 /// Writes a scene folder that holds terrain alone.
@@ -407,19 +411,11 @@ pub(super) fn is_cloud(path: &Path) -> bool {
     begins_as_one || named("las") || named("laz")
 }
 
-fn climate(request: &ImportRequest) -> Result<Climate, Error> {
-    let biome = Biome::builtin(&request.biome)?;
+fn climate(request: &ImportRequest, chosen: &ChosenBiome) -> Result<Climate, Error> {
     let Some(path) = &request.climate_file else {
-        return Ok(biome.climate);
+        return Ok(chosen.biome.climate.clone());
     };
-    let failed = |source| io::Error::Read { path: path.clone(), source };
-    let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_CLIMATE_BYTES).read_to_end(&mut bytes))
-        .map_err(failed)?;
-    let text = String::from_utf8(bytes).map_err(|_| {
-        ParseError::new("it is no text", "give a TOML file with a [climate] table").at(path)
-    })?;
+    let text = biome_file::read_text(path, "a TOML file with a [climate] table")?;
     let in_file =
         |e: crate::species::BiomeError| Error::Usage { what: format!("{}: {e}", path.display()) };
     Climate::from_toml(&text).map_err(in_file)
@@ -524,15 +520,17 @@ pub(super) fn write_abiotics(
     transaction: &mut Transaction,
     key: String,
     request: &ImportRequest,
+    own_biome: Option<&str>,
     climate: &Climate,
     reporter: &Reporter,
 ) -> Result<StageEntry, Error> {
     let mut files = StageFiles::new(transaction);
     files.abiotics(maps, reporter)?;
-    let climate_name = match &request.climate_file {
-        Some(path) => path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        None => request.biome.clone(),
-    };
+    if let Some(text) = own_biome {
+        files.file(biome_file::COPY, |file| file.write_all(text.as_bytes()))?;
+    }
+    let climate_file = request.climate_file.as_deref().unwrap_or(Path::new(&request.biome));
+    let climate_name = climate_file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let title = scene::folder_name(&request.folder);
     let options = PreviewOptions { title, climate: Some(climate_name.clone()) };
     files.preview(&options, terrain, maps, reporter)?;

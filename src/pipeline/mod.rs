@@ -1,6 +1,6 @@
 //! The order of stages: reads inputs, runs what is out of date, writes the scene folder.
 //!
-//! Reading order: [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write);
+//! Reading order: [`biome_file`] (whose climate and species), [`import`] (real terrain), [`demo`] (generated terrain), `scene_files` (what both write);
 //! [`grow`] (canopy trees), `measured_canopy` and [`learned_canopy`] with `paint` (what they are fitted to), [`exclusion`] and [`brush`] (what a user keeps free or paints);
 //! [`undergrowth`] (and the forest floor), [`statistics`] (what undergrowth is synthesised from),
 //! [`age`] with `age_files` and `checkpoint` (centuries of growth, disturbance, death and decay),
@@ -10,6 +10,7 @@
 
 pub mod age;
 mod age_files;
+pub mod biome_file;
 pub mod brush;
 mod checkpoint;
 pub mod close_up;

@@ -3,12 +3,11 @@
 use std::path::Path;
 
 use super::scene_files::{read_deadwood, read_plants};
-use super::{Error, age, close_up, import};
+use super::{Error, age, biome_file, close_up, import};
 use crate::export::selection::SceneContent;
 use crate::plants::Plants;
 use crate::progress::{Reporter, Warning};
 use crate::scene::{self, Manifest};
-use crate::species::Biome;
 
 /// What a scene folder says of itself.
 ///
@@ -31,7 +30,7 @@ pub fn read_scene(
     reporter: &Reporter,
 ) -> Result<SceneContent, Error> {
     let stage = reporter.stage("read scene", 2);
-    let biome = Biome::builtin(&manifest.scene.biome)?;
+    let biome = biome_file::of_scene(folder, manifest)?;
     let elevation_m = import::load_terrain(folder, manifest)?.elevation_m;
     reporter.check_cancelled()?;
     stage.advance(1);

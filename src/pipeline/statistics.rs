@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::Error;
+use super::biome_file::ChosenBiome;
 use super::export_output::check_file;
 use super::grow::{self, CanopyInput, CanopyRequest};
 use super::import;
@@ -61,7 +62,7 @@ const PATCH_M: f32 = 80.0;
 /// Statistics to make.
 #[derive(Clone, Debug)]
 pub struct StatisticsRequest {
-    /// A built-in biome's name.
+    /// A built-in biome's name, or the path of a biome file.
     pub biome: String,
     /// The file to write.
     pub output: PathBuf,
@@ -107,7 +108,7 @@ fn simulate_and_analyse(
     request: &StatisticsRequest,
     reporter: &Reporter,
 ) -> Result<Statistics, Error> {
-    let biome = Biome::builtin(&request.biome)?;
+    let biome = ChosenBiome::read(&request.biome)?.biome;
     if request.years < LEAST_YEARS {
         let what = format!("--years {}: give at least {LEAST_YEARS}", request.years);
         return Err(Error::Usage { what });

@@ -19,6 +19,7 @@ use crate::simulation::Parameters;
 use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::undergrowth::refinement::{self, Area, RefinementFigures};
+use crate::undergrowth::statistics::StatisticsError;
 use crate::undergrowth::{self, Conditions, Statistics, Synthesis, Trees, Undergrowth, sampling};
 
 /// Name of the stage in `scene.toml`.
@@ -78,17 +79,32 @@ pub struct GrownUndergrowth {
 }
 
 impl UndergrowthRequest {
-    /// The statistics, and the hash of their text; none where there is to be no undergrowth.
+    /// The statistics, and the hash of their text; none where there is to be no undergrowth, or, with a warning, where none of those
+    /// that are built in fit a biome of one's own.
     ///
     /// # Errors
     /// A file that cannot be read, or that is of another biome.
-    pub fn read_statistics(&self, biome: &Biome) -> Result<Option<(Statistics, String)>, Error> {
+    pub fn read_statistics(
+        &self,
+        biome: &Biome,
+        reporter: &Reporter,
+    ) -> Result<Option<(Statistics, String)>, Error> {
         if self.is_off {
             return Ok(None);
         }
         let read;
         let (text, name) = match &self.statistics {
-            None => (Statistics::builtin_json(biome), "built-in statistics".to_owned()),
+            None => match Statistics::builtin(biome) {
+                Err(StatisticsError::NoneBuiltIn { .. } | StatisticsError::OtherBiome { .. }) => {
+                    let text = format!(
+                        "no undergrowth: no statistics of the biome `{}` are built in; make them (wildwood statistics --biome FILE -o statistics.json, some minutes) and give them with --undergrowth-statistics",
+                        biome.key
+                    );
+                    reporter.warn(Warning::Other { text });
+                    return Ok(None);
+                }
+                _ => (Statistics::builtin_json(biome), "built-in statistics".to_owned()),
+            },
             Some(path) => {
                 read = std::fs::read_to_string(path)
                     .map_err(|source| io::Error::Read { path: path.clone(), source })?;

@@ -172,7 +172,7 @@ pub enum BiomeError {
     Version { found: u32, supported: u32 },
     /// A name that no shipped biome has.
     #[error(
-        "no biome `{name}` ships with the program; there are {known}; for the climate of another place give --climate FILE"
+        "no biome `{name}` ships with the program; there are {known}; give one of them, a TOML file of your own (`wildwood biome sonoma -o my_biome.toml` writes one to start from), or for the climate alone --climate FILE"
     )]
     UnknownBiome { name: String, known: String },
 }
