@@ -281,6 +281,15 @@ fn growing_anew_ends_the_aged_forest() {
 }
 
 #[test]
+fn histories_of_plants_that_never_lived_are_told() {
+    let wood = Wood::new();
+    let aged = wood.command(&["--years", "31", "--history", "1,999999999"]).output().unwrap();
+    let stderr = told(&aged);
+    assert!(aged.status.success() && stderr.contains("no plant of id 999999999"), "{stderr}");
+    assert!(wood.files().contains_key("growth.parquet"), "plant 1 did live");
+}
+
+#[test]
 fn any_number_of_threads_gives_the_same_files() {
     let wood = Wood::new();
     let other = wood.copy();

@@ -1,5 +1,6 @@
 //! A scene's forest over centuries: plants, snags, downed logs and their histories into its folder.
 
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -218,6 +219,7 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
     };
     ground.live(&mut forest, &events, request.years, reporter, &mut keep)?;
     drop(stage);
+    tell_of_strangers(&request.growth_of, &growth, reporter);
 
     // write
     let mut transaction = Transaction::begin(&folder)?;
@@ -378,6 +380,21 @@ fn resume(
     }
     let forest = if plants.is_empty() { bare } else { bare.with_plants(plants, frame) };
     (forest, Vec::new())
+}
+
+/// Warns of plants whose growth was asked for and that never lived.
+fn tell_of_strangers(of: &GrowthOf, growth: &[GrowthRecord], reporter: &Reporter) {
+    let GrowthOf::Plants(ids) = of else { return };
+    let known: HashSet<u64> = growth.iter().map(|record| record.plant_id).collect();
+    let strangers: Vec<String> =
+        ids.iter().filter(|id| !known.contains(id)).map(u64::to_string).collect();
+    if !strangers.is_empty() {
+        let text = format!(
+            "--history: no plant of id {} lived in these years; ids are those of plants.parquet",
+            strangers.join(", ")
+        );
+        reporter.warn(Warning::Other { text });
+    }
 }
 
 fn record_growth(forest: &Forest, of: &GrowthOf, growth: &mut Vec<GrowthRecord>) {
