@@ -1,4 +1,4 @@
-//! Colours that stand for a figure of each plant: species, age, vigor or decay.
+//! Colours that stand for a figure of each plant, species, age, vigor or decay, and the key that tells which.
 
 use super::vector::Vec3;
 use super::world::linear_rgb;
