@@ -22,6 +22,9 @@ use wildwood::tree::mesh::Material;
 /// Name, offset and size in bytes of a field.
 type Field = (String, usize, usize);
 
+/// A struct's name in the text, its fields, and its size.
+type NamedStruct = (&'static str, (Vec<Field>, usize));
+
 fn parse(text: &str) -> Module {
     wgsl::parse_str(text).unwrap_or_else(|error| panic!("{}", error.emit_to_string(text)))
 }
@@ -51,7 +54,7 @@ macro_rules! rust_struct {
     }};
 }
 
-fn structs() -> [(&'static str, (Vec<Field>, usize)); 3] {
+fn structs() -> [NamedStruct; 3] {
     [
         ("Band", rust_struct!(Band { first_row: u32, rows: u32, cols: u32, crowns: u32 })),
         ("Crown", rust_struct!(Crown { x: i32, y: i32, radius: i32, center_z: i32 })),
@@ -153,7 +156,7 @@ fn every_adapter_can_bind_what_a_kernel_uses() {
 }
 
 /// The texts that draw pictures, with the structs of each but for the camera's.
-fn picture_texts() -> [(&'static str, Vec<(&'static str, (Vec<Field>, usize))>); 5] {
+fn picture_texts() -> [(&'static str, Vec<NamedStruct>); 5] {
     let item = rust_struct!(ItemRecord {
         position: [f32; 3],
         place: u32,

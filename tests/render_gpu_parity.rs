@@ -23,6 +23,7 @@ use wildwood::export::render::surface_buffer::{Sample, Surface};
 use wildwood::export::render::vector::{UP, vec3};
 use wildwood::export::render::world::{Season, World};
 use wildwood::gpu::Device;
+use wildwood::math;
 use wildwood::pipeline::render::{self, RenderRequest, ViewRequest};
 use wildwood::plants::deadwood::{Cause, DownedLogKind, DownedLogs, Snags};
 use wildwood::plants::{Layer, Plants};
@@ -54,7 +55,7 @@ fn fraction(i: usize, step: usize) -> f32 {
 fn elevation_m() -> Grid<f32> {
     let at = |row: usize, col: usize| {
         let (x, y) = (col as f32, row as f32);
-        500.0 + 4.0 * (0.06 * x).sin() + 3.0 * (0.05 * y + 0.4).cos()
+        500.0 + 4.0 * math::sin(0.06 * x) + 3.0 * math::cos(0.05 * y + 0.4)
     };
     Grid::from_fn(120, 120, 1.0, |cell| {
         let is_hole = (90..94).contains(&cell.row) && (20..26).contains(&cell.col);
@@ -319,7 +320,7 @@ fn depth_maps_are_as_deep() {
         let same = cpu.iter().zip(&gpu).filter(is_same).count();
         eprintln!("{radius_m} m: {same} of {}", cpu.len());
         assert!(same as f64 > 0.995 * cpu.len() as f64, "{same} of {} texels", cpu.len());
-        assert!(cpu.iter().any(|c| *c == f32::NEG_INFINITY) == (radius_m > 50.0));
+        assert!(cpu.contains(&f32::NEG_INFINITY) == (radius_m > 50.0));
     }
 }
 

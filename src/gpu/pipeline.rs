@@ -131,3 +131,71 @@ impl Pipeline {
         Self { pipeline, memory, call }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::{BufferUse, Device};
+
+    const SQUARES: &str = "
+        struct Call { depth: f32, word: u32 }
+        @group(0) @binding(0) var<uniform> scale: f32;
+        @group(0) @binding(1) var<storage, read> corners: array<vec2<f32>>;
+        @group(1) @binding(0) var<uniform> call: Call;
+        @vertex fn place(@builtin(vertex_index) i: u32) -> @builtin(position) vec4<f32> {
+            return vec4<f32>(corners[i] * scale, call.depth, 1.0);
+        }
+        @fragment fn show(@builtin(position) at: vec4<f32>) -> @location(0) vec4<u32> {
+            return vec4<u32>(call.word, u32(at.x), u32(at.y), 0u);
+        }";
+
+    #[test]
+    fn the_nearer_square_is_seen_in_any_order() {
+        let Some(device) = Device::open_for_tests().expect("an adapter that cannot be opened")
+        else {
+            assert!(std::env::var_os("REQUIRE_GPU").is_none(), "no adapter");
+            eprintln!("skipped: no adapter");
+            return;
+        };
+        let parts =
+            PipelineParts { vertex: "place", fragment: Some("show"), is_points: false, storage: 1 };
+        let [squares] = device.pipelines("squares", SQUARES, TargetUse::Words, [parts]).unwrap();
+        let mut uniform = device.buffer("scale", BufferUse::Uniform);
+        let mut corners = device.buffer("corners", BufferUse::Storage);
+        let mut indices = device.buffer("indices", BufferUse::Indices);
+        let mut parameters = device.buffer("calls", BufferUse::Calls);
+        let mut answer = device.buffer("picture", BufferUse::Answer);
+        uniform.write(&[0.5_f32]).unwrap();
+        corners.write(&[[-1.0_f32, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]).unwrap();
+        indices.write(&[0_u32, 1, 2, 0, 2, 3]).unwrap();
+        // near, then far
+        let call = |depth: f32, word: u32| {
+            let mut words = [0; CALL_BYTES / 4];
+            words[..2].copy_from_slice(&[depth.to_bits(), word]);
+            words
+        };
+        parameters.write(&[call(0.9, 7), call(0.2, 8)]).unwrap();
+        let target = device.target([8, 4], TargetUse::Words).unwrap();
+        answer.reserve(target.copy_bytes()).unwrap();
+        let of = |parameters| DrawCall { parameters, vertices: 6, instances: 1 };
+        for order in [[of(0), of(1)], [of(1), of(0)]] {
+            let memory = [&uniform, &corners];
+            device
+                .submit("squares", |commands| {
+                    commands.begin(&target);
+                    let indices = Some(&indices);
+                    commands.draw(&target, &squares, &memory, indices, &parameters, &order);
+                    commands.copy_picture(&target, &answer);
+                })
+                .unwrap();
+            let row = target.row_bytes() as usize / 16;
+            let read = device.read(&answer, row * 4, <[[u32; 4]]>::to_vec).unwrap();
+            for (x, y) in (0..4_u32).flat_map(|y| (0..8_u32).map(move |x| (x, y))) {
+                // half the picture each way
+                let is_within = (2..6).contains(&x) && (1..3).contains(&y);
+                let expected = if is_within { [7, x, y, 0] } else { [0; 4] };
+                assert_eq!(read[y as usize * row + x as usize], expected, "column {x}, row {y}");
+            }
+        }
+    }
+}

@@ -523,3 +523,33 @@ fn take(
         }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    #[test]
+    fn the_cpu_goes_on_where_a_card_fails_unless_one_is_required() {
+        let scene = || RenderRequest::new("forest".into(), "a.png".into(), ViewRequest::Map);
+        for choice in GpuChoice::ALL {
+            let request = RenderRequest { gpu: choice, ..scene() };
+            let reporter = Reporter::silent();
+            let (mut painter, mut gpu) = (Painter::Cpu, Some("Card".to_owned()));
+            let tries = Cell::new(0);
+            let done = by(&mut painter, &mut gpu, &request, &reporter, |_| {
+                tries.set(tries.get() + 1);
+                let problem = "gone".to_owned();
+                let lost = GpuError::Lost { adapter: "Card".to_owned(), problem };
+                if tries.get() == 1 { Err(lost) } else { Ok(tries.get()) }
+            });
+            if choice == GpuChoice::Require {
+                assert!(done.unwrap_err().to_string().contains("Card: the graphics card was lost"));
+                assert_eq!((tries.get(), reporter.warnings().len()), (1, 0));
+            } else {
+                assert_eq!((done.unwrap(), gpu, reporter.warnings().len()), (2, None, 1));
+            }
+        }
+    }
+}
