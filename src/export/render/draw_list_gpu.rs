@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::camera::Camera;
-use super::draw_list::Item;
+use super::draw_list::{Detail, Item};
 use super::foliage::Crown;
 use super::models_gpu::{Models, model_of};
 use super::noise;
@@ -112,6 +112,9 @@ pub const MOST_VERTICES: u32 = 1 << 24;
 pub const MOST_LEAVES_AT_ONCE: u32 = 1 << 16;
 /// Room for triangles that grow as crowns are set in, as a share.
 const AREA_SLACK: f32 = 1.1;
+/// Room for crowns of a batch that shrink less than the three that are looked at, as they are set in. chosen: they are as large as each
+/// other but for a half.
+const INSET_SLACK: f32 = 1.25;
 
 /// Whether a picture bears leaves: depth maps have models alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -187,16 +190,17 @@ impl Batches {
         records: &[ItemRecord],
         range: std::ops::Range<usize>,
     ) -> Vec<ItemCall> {
-        let mut calls = Vec::new();
-        for batch in &self.batches {
+        let of_batch = |batch: &Batch| {
             let first = batch.first.max(range.start);
             let end = (batch.first + batch.count).min(range.end);
-            if first >= end {
-                continue;
+            let mut calls = Vec::new();
+            if first < end {
+                let within = first - range.start..end - range.start;
+                batch.calls(models, &records[within.clone()], within.start, &mut calls);
             }
-            let within = first - range.start..end - range.start;
-            batch.calls(models, &records[within.clone()], within.start, &mut calls);
-        }
+            calls
+        };
+        let mut calls: Vec<ItemCall> = self.batches.par_iter().flat_map_iter(of_batch).collect();
         calls.sort_by_key(|call| call.step); // stable
         calls
     }
@@ -240,9 +244,16 @@ impl Batch {
                     if is_round { (Step::RoundLeaf, 6, 12) } else { (Step::Leaf, 4, 6) };
                 let most =
                     records.iter().fold(Vec3::default(), |most, r| most.max(leaves_per_area(r)));
+                let last = records.len() - 1;
+                let samples = [0, last / 2, last].map(|place| &records[place]);
                 for run in &model.runs {
-                    let most_of = |area: &Vec3| (*area * most).length();
-                    let expected = run.areas.iter().map(most_of).fold(0.0, f32::max) * AREA_SLACK;
+                    let most_of = |(triangle, area): (u32, &Vec3)| {
+                        let shares = samples.map(|record| inset_share(models, triangle, record));
+                        let share = shares.into_iter().fold(0.0, f32::max) * INSET_SLACK;
+                        (*area * most).length() * share.min(AREA_SLACK)
+                    };
+                    let numbered = (run.first..).zip(&run.areas);
+                    let expected = numbered.map(most_of).fold(0.0, f32::max);
                     let leaves = expected.min(super::foliage::MOST_LEAVES) as u32 + 1; // not negative
                     // a run has some hundred triangles
                     let (mut triangle, end) = (run.first, run.first + run.areas.len() as u32);
@@ -295,6 +306,27 @@ fn leaves_per_area(record: &ItemRecord) -> Vec3 {
     let density =
         record.cover / (0.5 * record.leaf_m * record.leaf_m * record.width.max(0.34)).max(1e-9);
     vec3(y * z, x * z, x * y) * density
+}
+
+/// A triangle's area on a crown that is set in, over that on the crown as it is.
+fn inset_share(models: &Models, triangle: u32, record: &ItemRecord) -> f32 {
+    let item = Item {
+        group: 0,
+        index: 0,
+        detail: Detail::Splat,
+        position: record.position.into(),
+        axes: [record.axis_x, record.axis_y, record.axis_z].map(Vec3::from),
+        depth_m: 0.0,
+        radius_m: 0.0,
+        rect_px: [0.0; 4],
+    };
+    let corners = models.triangles[triangle as usize].corners;
+    let corners = corners.map(|corner| models.corners[corner as usize]);
+    let area = |[a, b, c]: [Vec3; 3]| (b - a).cross(c - a).length();
+    let whole = corners.map(|corner| item.place(corner.position));
+    let inset = corners
+        .map(|corner| item.place(corner.position) - item.normal(corner.normal) * record.inset_m);
+    area(inset) / area(whole).max(1e-9)
 }
 
 fn record(world: &World<'_>, camera: &Camera, item: &Item, place: u32) -> ItemRecord {
