@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use wildwood::export::render::figures::Colour;
 use wildwood::export::render::world::Season;
 use wildwood::export::selection::Filter;
+use wildwood::gpu::GpuChoice;
 use wildwood::pipeline::age::{self, AgeRequest, Script};
 use wildwood::pipeline::demo;
 use wildwood::pipeline::render::{self, RenderRequest, ViewRequest};
@@ -78,6 +79,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         sun_rad: None, // a summer morning's
         haze: 1.0,
         turntable: None,
+        gpu: GpuChoice::Auto,
     };
     let rendered = render::run(&request, &reporter)?;
     println!("{}: {} plants, snags and downed logs", request.output.display(), rendered.instances);

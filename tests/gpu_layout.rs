@@ -7,9 +7,23 @@ use wgpu::naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use wgpu::naga::{AddressSpace, Expression, Literal, Module, TypeInner, front::wgsl};
 use wildwood::canopy::crowns::{MAX_RADIUS_UNITS, UNITS_PER_CELL};
 use wildwood::canopy::visibility_gpu::{Band, Crown, Tally, WGSL};
+use wildwood::export::render::camera::NEAR_M;
+use wildwood::export::render::camera_gpu::View;
+use wildwood::export::render::draw_list_gpu::ItemRecord;
+use wildwood::export::render::foliage::{LUMP_TILT, MOST_LEAVES};
+use wildwood::export::render::ground_mesh::PATCH_CELLS;
+use wildwood::export::render::models_gpu::{ModelCorner, Triangle, surface_code};
+use wildwood::export::render::picture_gpu::{
+    FOLIAGE_WGSL, GROUND_WGSL, PatchRecord, SHADOW_WGSL, SPLAT_WGSL, STREW_WGSL, SplatRecord,
+    TuftRecord,
+};
+use wildwood::tree::mesh::Material;
 
 /// Name, offset and size in bytes of a field.
 type Field = (String, usize, usize);
+
+/// A struct's name in the text, its fields, and its size.
+type NamedStruct = (&'static str, (Vec<Field>, usize));
 
 fn parse(text: &str) -> Module {
     wgsl::parse_str(text).unwrap_or_else(|error| panic!("{}", error.emit_to_string(text)))
@@ -40,7 +54,7 @@ macro_rules! rust_struct {
     }};
 }
 
-fn structs() -> [(&'static str, (Vec<Field>, usize)); 3] {
+fn structs() -> [NamedStruct; 3] {
     [
         ("Band", rust_struct!(Band { first_row: u32, rows: u32, cols: u32, crowns: u32 })),
         ("Crown", rust_struct!(Crown { x: i32, y: i32, radius: i32, center_z: i32 })),
@@ -138,5 +152,119 @@ fn every_adapter_can_bind_what_a_kernel_uses() {
         assert!(used <= limits.max_storage_buffers_per_shader_stage as usize, "{name}: {used}");
         let lanes: u32 = entry_point.workgroup_size.iter().product();
         assert!(lanes <= limits.max_compute_invocations_per_workgroup, "{name}: {lanes} lanes");
+    }
+}
+
+/// The texts that draw pictures, with the structs of each but for the camera's.
+fn picture_texts() -> [(&'static str, Vec<NamedStruct>); 5] {
+    let item = rust_struct!(ItemRecord {
+        position: [f32; 3],
+        place: u32,
+        axis_x: [f32; 3],
+        seed: u32,
+        axis_y: [f32; 3],
+        leaf_m: f32,
+        axis_z: [f32; 3],
+        fringe_m: f32,
+        lump_m: f32,
+        lump_reach_m: f32,
+        inset_m: f32,
+        cover: f32,
+        width: f32,
+        droop: f32,
+        lumpiness: f32,
+        is_leafy: u32
+    });
+    let corner =
+        rust_struct!(ModelCorner { position: [f32; 3], pad_a: u32, normal: [f32; 3], pad_b: u32 });
+    let triangle = rust_struct!(Triangle { corners: [u32; 3], number_and_surface: u32 });
+    let models = vec![("Item", item), ("ModelCorner", corner), ("Triangle", triangle)];
+    let splat = rust_struct!(SplatRecord {
+        middle_px: [f32; 2],
+        size_px: [f32; 2],
+        nearness: f32,
+        area_px: f32,
+        place: u32,
+        word: u32
+    });
+    let patch = rust_struct!(PatchRecord { row: u32, col: u32, step: u32, pad: u32 });
+    let tuft = rust_struct!(TuftRecord { col: i32, row: i32, px_per_m: f32, counts: u32 });
+    [
+        (FOLIAGE_WGSL, models.clone()),
+        (SHADOW_WGSL, models),
+        (SPLAT_WGSL, vec![("Splat", splat)]),
+        (GROUND_WGSL, vec![("Patch", patch)]),
+        (STREW_WGSL, vec![("Tuft", tuft)]),
+    ]
+}
+
+#[test]
+fn structs_of_pictures_have_the_same_fields_at_the_same_offsets() {
+    let view = rust_struct!(View {
+        eye: [f32; 3],
+        px_per_m: f32,
+        right: [f32; 3],
+        depth_base: f32,
+        up: [f32; 3],
+        depth_scale: f32,
+        forward: [f32; 3],
+        is_perspective: u32,
+        size_px: [f32; 2],
+        window_px: [f32; 2],
+        window_size_px: [f32; 2],
+        gap_m: f32,
+        gap_threshold: f32,
+        edges_m: [f32; 4],
+        ground_cols: u32,
+        ground_rows: u32,
+        ground_cell_m: f32,
+        base_m: f32,
+        has_walls: u32,
+        needs_all_corners: u32,
+        pad_a: u32,
+        pad_b: u32
+    });
+    for (text, structs) in picture_texts() {
+        let module = parse(text);
+        for (name, rust) in structs.iter().chain([&("View", view.clone())]) {
+            assert_eq!(wgsl_struct(&module, name), *rust, "{name}");
+        }
+    }
+}
+
+#[test]
+fn constants_of_pictures_follow_the_cpu() {
+    let foliage = parse(FOLIAGE_WGSL);
+    assert_eq!(number(&foliage, "NEAR_M"), NEAR_M);
+    assert_eq!(number(&foliage, "MOST_LEAVES"), MOST_LEAVES);
+    assert_eq!(number(&foliage, "LUMP_TILT"), LUMP_TILT);
+    assert_eq!(constant(&foliage, "FOLIAGE"), i64::from(surface_code(Material::Foliage)));
+    assert_eq!(constant(&parse(GROUND_WGSL), "PATCH_CELLS"), PATCH_CELLS as i64);
+}
+
+fn number(module: &Module, name: &str) -> f32 {
+    let found = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name));
+    let Some((_, constant)) = found else { panic!("the text has no constant {name}") };
+    match module.global_expressions[constant.init] {
+        Expression::Literal(Literal::F32(value)) => value,
+        ref other => panic!("{name} is {other:?}"),
+    }
+}
+
+#[test]
+fn every_adapter_can_bind_what_a_pipeline_uses() {
+    let limits = wgpu::Limits::downlevel_defaults();
+    for (text, _) in picture_texts() {
+        let module = parse(text);
+        let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
+            .validate(&module)
+            .unwrap_or_else(|error| panic!("{}", error.emit_to_string(text)));
+        for (index, entry_point) in module.entry_points.iter().enumerate() {
+            let used = storage_buffers(&module, &info, index);
+            let name = &entry_point.name;
+            assert!(used <= limits.max_storage_buffers_per_shader_stage as usize, "{name}: {used}");
+            let is_fragment = entry_point.stage == wgpu::naga::ShaderStage::Fragment;
+            assert!(!is_fragment || used == 0, "{name}: fragments are given no storage");
+        }
     }
 }

@@ -5,6 +5,8 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use wildwood::gpu::adapters;
+
 fn wildwood(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_wildwood")).args(arguments).output().unwrap()
 }
@@ -47,7 +49,7 @@ fn views_are_drawn_and_bad_input_is_told() {
         assert_eq!((picture.width(), picture.height()), (96, 64));
     }
 
-    let cases: [(&[&str], &str); 11] = [
+    let cases: [(&[&str], &str); 12] = [
         (&["--size", "0x64"], "--size"),
         (&["--size", "96"], "1280x720"),
         (&["--size", "8192x8192", "--samples", "4"], "fewer samples"),
@@ -59,12 +61,21 @@ fn views_are_drawn_and_bad_input_is_told() {
         (&["--colour", "hue"], "vigor"),
         (&["--bbox", "-900,-900,-800,-800"], "--bbox"),
         (&["--turntable", "3", "--view", "map"], "--turntable"),
+        (&["--gpu", "cuda"], "none of auto, off, require"),
     ];
     for (options, told) in cases {
         let done = render(&scene, &out, options);
         let text = String::from_utf8_lossy(&done.stderr).into_owned();
         assert_eq!(done.status.code(), Some(2), "{options:?}: {text}");
         assert!(text.contains(told) && !text.contains("panicked"), "{options:?}: {text}");
+    }
+    if adapters().iter().all(|adapter| adapter.is_software) {
+        let done = render(&scene, &out, &[&size[..], &["--gpu", "require"]].concat());
+        let text = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert_eq!(done.status.code(), Some(1), "{text}");
+        let told = text.lines().filter(|line| line.contains("a GPU is required")).count();
+        assert!(told == 1 && text.contains("--gpu auto"), "{text}");
+        assert!(!text.contains("panicked") && !out.exists(), "{text}");
     }
     let jpeg = render(&scene, &home.path().join("view.jpg"), &size);
     assert!(String::from_utf8_lossy(&jpeg.stderr).contains(".png"));

@@ -9,6 +9,7 @@ use super::{Outcome, ScenePart, Shared, terminal};
 use crate::export::render::figures::Colour;
 use crate::export::render::world::Season;
 use crate::export::selection::Filter;
+use crate::gpu::GpuChoice;
 use crate::pipeline::Error;
 use crate::pipeline::render::{self, Aim, RenderRequest, Rendered, ViewRequest};
 use crate::progress::Reporter;
@@ -72,6 +73,9 @@ pub struct RenderArguments {
     /// How thick the haze is: 0 none, 1 a clear day, 10 mist.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = haze, allow_hyphen_values = true)]
     haze: f32,
+    /// Graphics card: auto draws on one where there is one, require fails without. Pictures are the same but for single pixels.
+    #[arg(long, value_name = "auto|off|require", default_value_t)]
+    gpu: GpuChoice,
     #[command(flatten)]
     part: ScenePart,
     /// So many frames of a turn around the scene's middle: view_000.png, view_001.png … for -o view.png.
@@ -190,6 +194,7 @@ pub fn run(arguments: &RenderArguments, shared: &Shared, reporter: &Reporter) ->
         sun_rad: arguments.sun.as_deref().map(sun).transpose()?,
         haze: arguments.haze,
         turntable: arguments.turntable,
+        gpu: arguments.gpu,
     };
     let rendered = render::run(&request, reporter)?;
     report(&rendered, shared);
@@ -207,6 +212,7 @@ fn report(rendered: &Rendered, shared: &Shared) {
             "event": "done",
             "files": files,
             "instances": rendered.instances,
+            "gpu": rendered.gpu,
             "camera": [east_m, north_m, z_m, azimuth, pitch],
         }));
         return;

@@ -12,6 +12,10 @@ pub enum BufferUse {
     Uniform,
     /// What kernels read and write.
     Storage,
+    /// Which vertices make triangles.
+    Indices,
+    /// Parameters of many calls of pipelines, each [`super::CALL_BYTES`] long.
+    Calls,
     /// What the CPU reads.
     Answer,
 }
@@ -46,7 +50,7 @@ impl Buffer {
         let limit_bytes = match self.usage {
             BufferUse::Uniform => limits.max_uniform_buffer_binding_size,
             BufferUse::Storage => self.device.largest_storage_bytes(),
-            BufferUse::Answer => limits.max_buffer_size,
+            BufferUse::Indices | BufferUse::Calls | BufferUse::Answer => limits.max_buffer_size,
         } / GRAIN_BYTES
             * GRAIN_BYTES;
         if bytes > limit_bytes {
@@ -57,7 +61,10 @@ impl Buffer {
         // crowns come and go by a few from round to round: half as much again saves most regrowths
         let wanted = bytes.max(held + held / 2).max(1).next_multiple_of(GRAIN_BYTES);
         let usage = match self.usage {
-            BufferUse::Uniform => wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            BufferUse::Uniform | BufferUse::Calls => {
+                wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST
+            }
+            BufferUse::Indices => wgpu::BufferUsages::INDEX | wgpu::BufferUsages::COPY_DST,
             BufferUse::Storage => {
                 wgpu::BufferUsages::STORAGE
                     | wgpu::BufferUsages::COPY_DST

@@ -13,6 +13,8 @@ use bytemuck::AnyBitPattern;
 use super::buffer::{Buffer, BufferUse};
 use super::commands::Commands;
 use super::kernel::Kernel;
+use super::pipeline::{Pipeline, PipelineParts};
+use super::target::{Target, TargetUse};
 use super::{Adapter, GpuChoice, GpuError};
 
 /// Longest wait for an answer. Chosen: kernels here take milliseconds on a card and seconds on a busy software adapter,
@@ -118,11 +120,12 @@ impl Device {
     }
 
     fn open_adapter(raw: &wgpu::Adapter, adapter: &Adapter) -> Result<Self, GpuError> {
-        // what every adapter has, but for the size of buffers
+        // what every adapter has, but for the size of buffers and pictures
         let of_adapter = raw.limits();
         let mut limits = wgpu::Limits::downlevel_defaults();
         limits.max_buffer_size = of_adapter.max_buffer_size;
         limits.max_storage_buffer_binding_size = of_adapter.max_storage_buffer_binding_size;
+        limits.max_texture_dimension_2d = of_adapter.max_texture_dimension_2d;
         let limits = limits.or_worse_values_from(&of_adapter);
         let description = wgpu::DeviceDescriptor {
             label: Some("wildwood"),
@@ -176,6 +179,38 @@ impl Device {
         entry_points: [&'static str; N],
     ) -> Result<[Kernel; N], GpuError> {
         self.guarded(label, |opened| Kernel::compile(opened, label, wgsl, entry_points))
+    }
+
+    /// The pipelines made of `parts` of one WGSL text, for targets of one use.
+    ///
+    /// # Errors
+    /// If the text is no valid WGSL or the driver cannot compile it.
+    pub fn pipelines<const N: usize>(
+        &self,
+        label: &'static str,
+        wgsl: &str,
+        usage: TargetUse,
+        parts: [PipelineParts; N],
+    ) -> Result<[Pipeline; N], GpuError> {
+        self.guarded(label, |opened| Pipeline::compile(opened, label, wgsl, usage, parts))
+    }
+
+    /// Most samples each way of a [`Target`].
+    pub fn largest_side_px(&self) -> u32 {
+        self.0.limits.max_texture_dimension_2d
+    }
+
+    /// Most bytes of a buffer that the CPU reads.
+    pub fn largest_answer_bytes(&self) -> u64 {
+        self.0.limits.max_buffer_size
+    }
+
+    /// A picture to draw into, of unknown content.
+    ///
+    /// # Errors
+    /// If the card has no room or takes no picture this large.
+    pub fn target(&self, size_px: [u32; 2], usage: TargetUse) -> Result<Target, GpuError> {
+        self.guarded("picture", |opened| Target::new(opened, size_px, usage))
     }
 
     /// Hands the card the work that `record` writes down; it runs after everything handed over before.

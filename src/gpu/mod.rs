@@ -1,7 +1,8 @@
-//! Graphics cards: whether one is used, and what kernels need of it. The only users of wgpu.
+//! Graphics cards: whether one is used, and what kernels and pictures need of it. The only users of wgpu.
 //!
 //! Reading order: [`GpuChoice`] (what the user wants), `adapter` (what the machine has), `device` (one of them, opened),
-//! `buffer` and `kernel` (memory and programs on it), `commands` (what it is told to do). Without the cargo feature
+//! `buffer` and `kernel` (memory and programs on it), `target` and `pipeline` (what it draws into, and how), `commands` (what it
+//! is told to do). Without the cargo feature
 //! `gpu` there is never a device (`absent`). A kernel lies beside its CPU twin and speaks to this module alone.
 
 mod adapter;
@@ -16,6 +17,10 @@ mod commands;
 mod device;
 #[cfg(feature = "gpu")]
 mod kernel;
+#[cfg(feature = "gpu")]
+mod pipeline;
+#[cfg(feature = "gpu")]
+mod target;
 
 use std::fmt;
 use std::str::FromStr;
@@ -32,6 +37,10 @@ pub use commands::Commands;
 pub use device::{Device, adapters, is_caught_panic};
 #[cfg(feature = "gpu")]
 pub use kernel::Kernel;
+#[cfg(feature = "gpu")]
+pub use pipeline::{CALL_BYTES, DrawCall, Pipeline, PipelineParts};
+#[cfg(feature = "gpu")]
+pub use target::{Target, TargetUse};
 
 /// Whether to work on a graphics card.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

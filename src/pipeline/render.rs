@@ -1,6 +1,6 @@
 //! Pictures of a scene: reads it, looks at it through cameras, writes PNG files.
 //!
-//! Reading order: [`RenderRequest`], [`run`]. All work is done on the CPU.
+//! Reading order: [`RenderRequest`], [`run`].
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,6 +21,7 @@ use crate::export::render::camera::{Camera, Projection, direction_angles};
 use crate::export::render::figures::{self, Colour};
 use crate::export::render::ground::{Field, Ground};
 use crate::export::render::lighting::{Lighting, clear_m, is_far};
+use crate::export::render::painter::Painter;
 use crate::export::render::picture::{self, PictureOptions};
 use crate::export::render::shading::Lights;
 use crate::export::render::sky::Sky;
@@ -28,6 +29,7 @@ use crate::export::render::vector::{Vec3, vec3};
 use crate::export::render::view;
 use crate::export::render::world::{Season, World};
 use crate::export::selection::{Filter, Selection};
+use crate::gpu::{Device, GpuChoice, GpuError};
 use crate::io::{Limits, raster_file};
 use crate::math;
 use crate::progress::{Reporter, Warning};
@@ -110,6 +112,8 @@ pub struct RenderRequest {
     pub haze: f32,
     /// Frames of a turn around the scene's middle; `None` is one picture.
     pub turntable: Option<u16>,
+    /// Whether a graphics card draws.
+    pub gpu: GpuChoice,
 }
 
 impl RenderRequest {
@@ -127,6 +131,7 @@ impl RenderRequest {
             sun_rad: None,
             haze: 1.0,
             turntable: None,
+            gpu: GpuChoice::default(),
         }
     }
 }
@@ -142,13 +147,30 @@ pub struct Rendered {
     pub eye: [f64; 3],
     /// Azimuth and pitch it was taken along, rad.
     pub angles_rad: [f32; 2],
+    /// The graphics card that drew, `None` if it was the CPU.
+    pub gpu: Option<String>,
 }
 
 /// Draws pictures of a scene.
 ///
 /// # Errors
-/// If the folder holds no scene or nothing to draw, a size or an angle is out of range, or a file cannot be written.
+/// If the folder holds no scene or nothing to draw, a size or an angle is out of range, a file cannot be written, or a graphics card is
+/// required and is missing or fails.
 pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Error> {
+    check(request)?;
+    let device = Device::open(request.gpu).map_err(gpu_failed)?;
+    run_on(device.as_ref(), request, reporter)
+}
+
+/// [`run`] on a given graphics card, software too, or on the CPU: for tests and for trying by eye.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_on(
+    device: Option<&Device>,
+    request: &RenderRequest,
+    reporter: &Reporter,
+) -> Result<Rendered, Error> {
     check(request)?;
     let manifest = read_manifest(&request.folder)?;
     let frames = frame_files(request)?;
@@ -180,6 +202,11 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
     world.painted = figures::paint(request.colour, &selection, &instances);
     world.is_leafless = request.colour == Colour::Decay;
 
+    let mut gpu = device.map(|device| device.adapter().to_string());
+    let mut painter = match Painter::on(device) {
+        Err(error) if request.gpu != GpuChoice::Require => by_cpu(&mut gpu, &error, reporter),
+        painter => painter.map_err(gpu_failed)?,
+    };
     let sun = sun(request, &manifest);
     let sky = Sky::new(sun, request.haze);
     let mut lighting: Option<Lighting> = None;
@@ -198,10 +225,15 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
         let keeps = turn && is_far(&world, &camera);
         let light = match lighting.take() {
             Some(light) if keeps => light,
-            _ => Lighting::new(&world, sky, &camera),
+            _ => by(&mut painter, &mut gpu, request, reporter, |painter| {
+                Lighting::new(&world, sky, &camera, painter)
+            })?,
         };
         reporter.check_cancelled()?;
-        let mut canvas = Canvas::from_image(take(request, &world, &light, &camera));
+        let picture = by(&mut painter, &mut gpu, request, reporter, |painter| {
+            take(request, &world, &light, &camera, painter)
+        })?;
+        let mut canvas = Canvas::from_image(picture);
         figures::draw_key(&mut canvas, request.colour, &selection);
         let picture = canvas.into_image();
         let png = preview::encode_png(&picture).map_err(std::io::Error::other);
@@ -225,7 +257,37 @@ pub fn run(request: &RenderRequest, reporter: &Reporter) -> Result<Rendered, Err
             origin[2] + f64::from(camera.eye.z),
         ],
         angles_rad: direction_angles(Vec3::default(), camera.forward),
+        gpu,
     })
+}
+
+fn gpu_failed(error: GpuError) -> Error {
+    Error::Failed { what: error.to_string() }
+}
+
+/// The CPU in a failed graphics card's place, with a warning.
+fn by_cpu(gpu: &mut Option<String>, error: &GpuError, reporter: &Reporter) -> Painter {
+    let text = format!("the CPU draws, because the graphics card failed: {error}");
+    reporter.warn(Warning::Other { text });
+    *gpu = None;
+    Painter::Cpu
+}
+
+/// What `work` makes with the painter; where that is a graphics card that fails and is not required, with the CPU from then on.
+fn by<T>(
+    painter: &mut Painter,
+    gpu: &mut Option<String>,
+    request: &RenderRequest,
+    reporter: &Reporter,
+    work: impl Fn(&mut Painter) -> Result<T, GpuError>,
+) -> Result<T, Error> {
+    match work(painter) {
+        Err(error) if request.gpu != GpuChoice::Require => {
+            *painter = by_cpu(gpu, &error, reporter);
+            work(painter).map_err(gpu_failed)
+        }
+        done => done.map_err(gpu_failed),
+    }
 }
 
 /// Refuses what cannot be drawn, before anything is read.
@@ -427,7 +489,13 @@ fn camera(
 }
 
 /// One picture.
-fn take(request: &RenderRequest, world: &World<'_>, light: &Lighting, camera: &Camera) -> RgbImage {
+fn take(
+    request: &RenderRequest,
+    world: &World<'_>,
+    light: &Lighting,
+    camera: &Camera,
+    painter: &mut Painter,
+) -> Result<RgbImage, GpuError> {
     let has_air = camera.is_perspective();
     let lights = Lights {
         sky: &light.sky,
@@ -446,8 +514,8 @@ fn take(request: &RenderRequest, world: &World<'_>, light: &Lighting, camera: &C
         has_fixed_sky: is_far(world, camera),
         exposure: None,
     };
-    let picture = picture::take(world, &lights, camera, &options);
-    match camera.projection {
+    let picture = picture::take(world, &lights, camera, &options, painter)?;
+    Ok(match camera.projection {
         Projection::Perspective { .. } => picture,
         Projection::Orthographic { px_per_m } => {
             let mut canvas = Canvas::from_image(picture);
@@ -458,6 +526,36 @@ fn take(request: &RenderRequest, world: &World<'_>, light: &Lighting, camera: &C
             canvas.paint(plate, |_, _| furniture::PAPER);
             furniture::scale_bar(&mut canvas, &Lettering::default(), [24, foot], m_per_px);
             canvas.into_image()
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    #[test]
+    fn the_cpu_goes_on_where_a_card_fails_unless_one_is_required() {
+        let scene = || RenderRequest::new("forest".into(), "a.png".into(), ViewRequest::Map);
+        for choice in GpuChoice::ALL {
+            let request = RenderRequest { gpu: choice, ..scene() };
+            let reporter = Reporter::silent();
+            let (mut painter, mut gpu) = (Painter::Cpu, Some("Card".to_owned()));
+            let tries = Cell::new(0);
+            let done = by(&mut painter, &mut gpu, &request, &reporter, |_| {
+                tries.set(tries.get() + 1);
+                let problem = "gone".to_owned();
+                let lost = GpuError::Lost { adapter: "Card".to_owned(), problem };
+                if tries.get() == 1 { Err(lost) } else { Ok(tries.get()) }
+            });
+            if choice == GpuChoice::Require {
+                assert!(done.unwrap_err().to_string().contains("Card: the graphics card was lost"));
+                assert_eq!((tries.get(), reporter.warnings().len()), (1, 0));
+            } else {
+                assert_eq!((done.unwrap(), gpu, reporter.warnings().len()), (2, None, 1));
+            }
         }
     }
 }

@@ -16,11 +16,11 @@ const LEAST_LEAF_PX: f32 = 2.6;
 /// How often leaves cover the surface they are strewn over. chosen: the inside shows through here and there.
 const COVER: f32 = 1.5;
 /// Most leaves a triangle bears. chosen: far more than any needs; bounds the work on degenerate models.
-const MOST_LEAVES: f32 = 6000.0;
+pub const MOST_LEAVES: f32 = 6000.0;
 /// Width of boughs in crown radii.
 const LUMP: f32 = 0.34;
 /// How much the slope of boughs tilts leaves. chosen: boughs look round.
-const LUMP_TILT: f32 = 2.1;
+pub const LUMP_TILT: f32 = 2.1;
 /// Light that comes through to the inside of a clump, 0–255. chosen: dark, not black.
 const INSIDE_OPENNESS: f32 = 110.0;
 
@@ -75,6 +75,68 @@ impl LeafLook {
     }
 }
 
+/// How one crown is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crown {
+    /// Length of its leaves, as large as the picture's pixels ask for, m.
+    pub leaf_m: f32,
+    /// Ground area that stands for one leaf when they are counted, m².
+    pub leaf_area_m2: f32,
+    /// Whether it is large enough to bear leaves.
+    pub is_leafy: bool,
+    /// Whether leaves stand alone, without an inside.
+    pub is_open: bool,
+    /// Whether leaves have a rounded outline.
+    pub is_round: bool,
+    /// How far leaves stand off its surface, m.
+    pub fringe_m: f32,
+    /// Width of boughs, m.
+    pub lump_m: f32,
+    /// How far boughs reach out, m.
+    pub lump_reach_m: f32,
+    /// How far its inside lies within its surface, m.
+    pub inset_m: f32,
+    /// How often leaves cover its surface.
+    pub cover: f32,
+}
+
+impl Crown {
+    /// How a crown is drawn as far off as it is.
+    pub fn of(camera: &Camera, item: &Item, look: &LeafLook) -> Self {
+        let size = |axis: Vec3| axis.length();
+        let crown_radius_m = 0.5 * (size(item.axes[0]) + size(item.axes[1]));
+        let height_m = size(item.axes[2]);
+        let px_per_m = camera.px_per_m(item.depth_m.max(0.3));
+        // small plants have small leaves
+        let natural_m = look.length_m.min(0.16 * crown_radius_m.min(height_m) + 0.01);
+        let least_m = LEAST_LEAF_PX / px_per_m;
+        // steps of a quarter keep leaves in place while a camera moves a little
+        let mut leaf_m = natural_m;
+        while leaf_m < least_m {
+            leaf_m *= 1.25;
+        }
+        let is_leafy = leaf_m < 0.55 * crown_radius_m;
+        let fringe_m = if is_leafy { look.fringe * crown_radius_m + 0.4 * leaf_m } else { 0.0 };
+        let lump_reach_m = look.lumpiness * crown_radius_m;
+        // sections and maps stay closed: paper would shine through
+        let is_open = is_leafy
+            && camera.is_perspective()
+            && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
+        Self {
+            leaf_m,
+            leaf_area_m2: 0.5 * leaf_m * leaf_m * look.width.max(0.34),
+            is_leafy,
+            is_open,
+            is_round: leaf_m * px_per_m >= ROUND_LEAF_PX,
+            fringe_m,
+            lump_m: (LUMP * crown_radius_m).max(2.5 * leaf_m),
+            lump_reach_m,
+            inset_m: if is_leafy { 0.6 * fringe_m + 0.45 * lump_reach_m } else { 0.0 },
+            cover: if is_open { OPEN_COVER } else { COVER },
+        }
+    }
+}
+
 /// Draws a crown's surface.
 pub fn draw(
     buffer: &mut SurfaceBuffer,
@@ -85,32 +147,11 @@ pub fn draw(
     look: &LeafLook,
     corners: &mut Vec<Corner>,
 ) {
-    let size = |axis: Vec3| axis.length();
-    let crown_radius_m = 0.5 * (size(item.axes[0]) + size(item.axes[1]));
-    let height_m = size(item.axes[2]);
-    let px_per_m = camera.px_per_m(item.depth_m.max(0.3));
-    // small plants have small leaves
-    let natural_m = look.length_m.min(0.16 * crown_radius_m.min(height_m) + 0.01);
-    let least_m = LEAST_LEAF_PX / px_per_m;
-    // steps of a quarter keep leaves in place while a camera moves a little
-    let mut leaf_m = natural_m;
-    while leaf_m < least_m {
-        leaf_m *= 1.25;
-    }
-    let is_leafy = leaf_m < 0.55 * crown_radius_m;
-    let fringe_m = if is_leafy { look.fringe * crown_radius_m + 0.4 * leaf_m } else { 0.0 };
+    let crown = Crown::of(camera, item, look);
+    let Crown { leaf_m, fringe_m, lump_m, lump_reach_m, inset_m, cover, .. } = crown;
+    let Crown { is_leafy, is_open, is_round, .. } = crown;
     let seed = noise::hash2(item.group, item.index);
-    let lump_m = (LUMP * crown_radius_m).max(2.5 * leaf_m);
-    let lump_reach_m = look.lumpiness * crown_radius_m;
     let lump_offset = vec3(f32::from(seed as u8), f32::from((seed >> 8) as u8), 0.0); // low bytes
-
-    // sections and maps stay closed: paper would shine through
-    let is_open = is_leafy
-        && camera.is_perspective()
-        && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
-    let cover = if is_open { OPEN_COVER } else { COVER };
-    let leaf_px = leaf_m * px_per_m;
-    let inset_m = if is_leafy { 0.6 * fringe_m + 0.45 * lump_reach_m } else { 0.0 };
     corners.clear();
     corners.extend(part.positions.iter().zip(&part.normals).map(|(position, normal)| {
         let normal = item.normal(*normal);
@@ -157,7 +198,7 @@ pub fn draw(
         }
         let across = (b.view - a.view).cross(c.view - a.view);
         let area_m2 = 0.5 * across.length();
-        let expected = cover * area_m2 / (0.5 * leaf_m * leaf_m * look.width.max(0.34));
+        let expected = cover * area_m2 / crown.leaf_area_m2;
         let count = (expected.min(MOST_LEAVES) + noise::unit(word)) as u32; // small, and not negative
         for k in 0..count {
             let [r, s, t, u] = noise::four(noise::hash2(word, k));
@@ -208,7 +249,7 @@ pub fn draw(
             let normals = [shading; 3];
             let points = OUTLINE
                 .map(|[along, across]| camera.project_view(middle + axis * along + side * across));
-            if leaf_px < ROUND_LEAF_PX {
+            if !is_round {
                 for [p, q, r] in [[0, 1, 3], [0, 3, 5]] {
                     buffer.flat([points[p], points[q], points[r]], normals, ink, |_, _, _| true);
                 }

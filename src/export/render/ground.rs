@@ -14,6 +14,23 @@ pub struct Field {
     values: Vec<f32>,
 }
 
+/// A map's cells as they lie in memory.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldCells<'a> {
+    /// Rows of cells, the first in the north.
+    pub rows: usize,
+    /// Cells a row.
+    pub cols: usize,
+    /// Width of a cell.
+    pub cell_m: f32,
+    /// Western edge.
+    pub west_m: f32,
+    /// Northern edge.
+    pub north_m: f32,
+    /// Row by row.
+    pub values: &'a [f32],
+}
+
 impl Field {
     /// A map's values where places count from `origin` (map coordinates); `beyond` stands for what is masked.
     pub fn new(grid: &Grid<f32>, origin: [f64; 3], beyond: f32) -> Self {
@@ -29,6 +46,12 @@ impl Field {
             north_m: (frame.transform.north_m - origin[1]) as f32,
             values: values.map(|(v, valid)| if *valid { *v } else { beyond }).collect(),
         }
+    }
+
+    /// Its cells.
+    pub fn cells(&self) -> FieldCells<'_> {
+        let Self { rows, cols, cell_m, west_m, north_m, ref values } = *self;
+        FieldCells { rows, cols, cell_m, west_m, north_m, values }
     }
 
     /// The value at a place; beyond the rim that of the rim.
@@ -118,7 +141,12 @@ impl Ground {
         }
     }
 
-    /// East and north edges.
+    /// Heights of corners, row by row; NaN where there is no ground.
+    pub fn heights_m(&self) -> &[f32] {
+        &self.heights
+    }
+
+    /// East and south edges.
     pub fn far_edges_m(&self) -> [f32; 2] {
         [self.west_m + self.width_m(), self.north_m - self.depth_m()]
     }

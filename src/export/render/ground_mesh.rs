@@ -7,7 +7,7 @@ use super::surface_buffer::{Corner, Ink, Surface, SurfaceBuffer};
 use super::vector::{Vec3, vec3};
 
 /// Cells a patch is wide. chosen: some hundred patches a km².
-const PATCH_CELLS: usize = 32;
+pub const PATCH_CELLS: usize = 32;
 /// Pixels that a triangle's side is at least wide, where cells are finer. chosen: no facet shows.
 const LEAST_SIDE_PX: f32 = 2.5;
 /// How far walls reach below the lowest ground, in widths of the terrain. chosen: a slab, not a pillar.
@@ -16,10 +16,12 @@ const WALL_DEPTH: f32 = 0.022;
 /// A square of terrain.
 #[derive(Clone, Copy, Debug)]
 pub struct Patch {
-    row: usize,
-    col: usize,
+    /// Its first row of corners.
+    pub row: usize,
+    /// Its first column of corners.
+    pub col: usize,
     /// Cells a side of its triangles.
-    step: usize,
+    pub step: usize,
     /// The rectangle that it may touch.
     pub rect_px: [f32; 4],
     depth_m: f32,

@@ -1,11 +1,13 @@
 //! Lighting: the depth maps and the lattice of light that a view needs.
 
 use super::camera::Camera;
+use super::painter::Painter;
 use super::shadow::Shadows;
 use super::sky::Sky;
 use super::sky_light::SkyLight;
 use super::vector::{Vec3, vec3};
 use super::world::World;
+use crate::gpu::GpuError;
 
 /// Balls of the finest shadows around what is near the eye: how far ahead their middles are, their radii in m, and texels a side. chosen:
 /// leaves cast shadows underfoot, branches to the middle distance.
@@ -51,7 +53,15 @@ pub fn clear_m(world: &World<'_>, camera: &Camera) -> f32 {
 
 impl Lighting {
     /// The light of a sky on a world, as a view needs it; far views of one world share theirs.
-    pub fn new(world: &World<'_>, sky: Sky, camera: &Camera) -> Self {
+    ///
+    /// # Errors
+    /// If a graphics card is the painter and fails.
+    pub fn new(
+        world: &World<'_>,
+        sky: Sky,
+        camera: &Camera,
+        painter: &mut Painter,
+    ) -> Result<Self, GpuError> {
         let (middle, radius_m) = whole(world);
         let mut balls = Vec::new();
         let is_far = is_far(world, camera);
@@ -62,13 +72,13 @@ impl Lighting {
             }));
         }
         balls.push((middle, radius_m * 1.05, WHOLE_TEXELS));
-        let shadows = Shadows::new(world, sky.sun, &balls);
+        let shadows = Shadows::new(world, sky.sun, &balls, painter)?;
         let sky_light = if is_far {
             SkyLight::new(world, sky.sun, middle, f32::INFINITY)
         } else {
             let ahead = camera.eye + camera.forward * (0.4 * LATTICE_REACH_M);
             SkyLight::new(world, sky.sun, ahead, LATTICE_REACH_M)
         };
-        Self { sky, shadows, sky_light }
+        Ok(Self { sky, shadows, sky_light })
     }
 }

@@ -9,6 +9,7 @@ use super::draw_list::{self, Detail, DetailSizes, Item};
 use super::foliage;
 use super::ground_mesh::{self, Patch};
 use super::noise;
+use super::painter::Painter;
 use super::shading::{self, Lights};
 use super::strew;
 use super::surface_buffer::{Corner, Ink, Sample, Surface, SurfaceBuffer};
@@ -16,13 +17,14 @@ use super::tone;
 use super::vector::{UP, Vec3};
 use super::world::World;
 use crate::export::instances::FeatureTable;
+use crate::gpu::GpuError;
 use crate::tree::mesh::Material;
 
 /// Samples a side of a tile. chosen: fits a core's cache.
 const TILE_PX: u32 = 96;
 /// Sizes in samples from which on finer models are drawn. chosen: near models where single branches show, far ones from a
 /// shrub of some pixels on.
-const DETAIL: DetailSizes = DetailSizes { least_px: [420.0, 42.0, 4.5] };
+pub const DETAIL: DetailSizes = DetailSizes { least_px: [420.0, 42.0, 4.5] };
 
 /// A tile finds out what is hidden by now when what was drawn since could have covered this share of it. chosen: the fastest of
 /// 1/8 to 4 on a square kilometre from the air.
@@ -50,49 +52,58 @@ pub struct PictureOptions {
     pub exposure: Option<f32>,
 }
 
+/// What a picture shows.
+#[derive(Clone, Copy)]
+pub struct Sight<'a> {
+    /// What there is.
+    pub world: &'a World<'a>,
+    /// From where one looks; it counts in samples.
+    pub camera: &'a Camera,
+    /// What of the world is within sight.
+    pub items: &'a [Item],
+    /// How the picture is made.
+    pub options: &'a PictureOptions,
+}
+
 /// Takes a picture; `camera` counts in its pixels.
+///
+/// # Errors
+/// If a graphics card is the painter and fails.
 pub fn take(
     world: &World<'_>,
     lights: &Lights<'_>,
     camera: &Camera,
     options: &PictureOptions,
-) -> RgbImage {
+    painter: &mut Painter,
+) -> Result<RgbImage, GpuError> {
     let [width, height] = options.size_px;
     let finer = options.finer.max(1);
     let camera = camera.finer(finer as f32);
     let (across, down) = (width * finer, height * finer);
     let items = draw_list::visible(world.instances, &world.bounds, &camera, &DETAIL);
-    let tiling = draw_list::tile(&items, across, down, TILE_PX);
-    let patches = ground_mesh::visible(&world.ground, &camera);
-    let tufts = if options.is_strewn { strew::visible(world, &camera) } else { Vec::new() };
-
-    let tiles: Vec<(Vec<Vec3>, Vec<bool>)> = tiling
-        .windows
-        .par_iter()
-        .zip(&tiling.items)
-        .map(|(window, list)| {
-            let mut buffer = SurfaceBuffer::new(*window);
-            draw_items(&mut buffer, world, &camera, &items, list, options.has_walls);
-            strew::draw(&mut buffer, world, &camera, &tufts);
-            draw_ground(&mut buffer, world, &camera, &patches, options.has_walls);
-            let (w, samples) = (buffer.window, &buffer.samples);
-            let light = |i: usize, sample: &Sample| {
-                // places within the tile
-                let at = [w.left + (i % w.width()) as i32, w.top + (i / w.width()) as i32];
-                shading::shade(world, lights, &camera, &items, sample, at)
-            };
-            let lit = samples.iter().enumerate().map(|(i, sample)| light(i, sample)).collect();
-            let sky = samples.iter().map(|sample| sample.surface == Surface::Sky).collect();
-            (lit, sky)
-        })
-        .collect();
+    let sight = Sight { world, camera: &camera, items: &items, options };
+    let lit = |w: Window, samples: &[Sample]| -> (Vec<Vec3>, Vec<bool>) {
+        let light = |i: usize, sample: &Sample| {
+            // places within the tile
+            let at = [w.left + (i % w.width()) as i32, w.top + (i / w.width()) as i32];
+            shading::shade(world, lights, &camera, &items, sample, at)
+        };
+        let lit = samples.iter().enumerate().map(|(i, sample)| light(i, sample)).collect();
+        let sky = samples.iter().map(|sample| sample.surface == Surface::Sky).collect();
+        (lit, sky)
+    };
+    let tiles = match painter {
+        Painter::Cpu => surfaces(&sight, lit),
+        #[cfg(feature = "gpu")]
+        Painter::Gpu(gpu) => gpu.surfaces(&sight, lit)?,
+    };
 
     let mut light = vec![Vec3::default(); (across * down) as usize]; // below 2³²
     let mut is_sky = vec![false; light.len()];
-    for (window, (lit, sky)) in tiling.windows.iter().zip(tiles) {
+    for (window, (lit, sky)) in tiles {
         let rows = lit.chunks_exact(window.width()).zip(sky.chunks_exact(window.width()));
         for (row, (lit, sky)) in rows.enumerate() {
-            let first = first_of(*window, row, across);
+            let first = first_of(window, row, across);
             light[first..first + lit.len()].copy_from_slice(lit);
             is_sky[first..first + sky.len()].copy_from_slice(sky);
         }
@@ -108,9 +119,31 @@ pub fn take(
     let power = if options.has_fixed_sky { 1.0 } else { tone::FLECK_POWER };
     let bytes = tone::develop(&light, size, finer as usize, exposure, power);
     match RgbImage::from_raw(width, height, bytes) {
-        Some(picture) => picture,
+        Some(picture) => Ok(picture),
         None => panic!("a developed picture has three bytes a pixel"),
     }
+}
+
+/// What `light` makes of the samples of each tile of a picture; by the CPU.
+pub fn surfaces<R: Send>(
+    sight: &Sight<'_>,
+    light: impl Fn(Window, &[Sample]) -> R + Sync,
+) -> Vec<(Window, R)> {
+    let Sight { world, camera, items, options } = *sight;
+    // as many samples as the camera has pixels
+    let [across, down] = camera.size_px.map(|side| side as u32);
+    let tiling = draw_list::tile(items, across, down, TILE_PX);
+    let patches = ground_mesh::visible(&world.ground, camera);
+    let tufts = if options.is_strewn { strew::visible(world, camera) } else { Vec::new() };
+    let tiles = tiling.windows.par_iter().zip(&tiling.items);
+    let lit = tiles.map(|(window, list)| {
+        let mut buffer = SurfaceBuffer::new(*window);
+        draw_items(&mut buffer, world, camera, items, list, options.has_walls);
+        strew::draw(&mut buffer, world, camera, &tufts);
+        draw_ground(&mut buffer, world, camera, &patches, options.has_walls);
+        (*window, light(*window, &buffer.samples))
+    });
+    lit.collect()
 }
 
 /// Place of a tile's row in the whole picture.
@@ -194,20 +227,52 @@ fn nearest(camera: &Camera, item: &Item) -> f32 {
     }
 }
 
-/// Draws what is smaller than triangles are worth: as many pixels as it covers on average.
+/// Most dots of a splat.
+pub const MOST_DOTS: u32 = 12;
+
+/// What is smaller than triangles are worth: as many pixels as it covers on average.
+#[derive(Clone, Copy, Debug)]
+pub struct Splat {
+    /// Its middle on the picture.
+    pub middle_px: [f32; 2],
+    /// Width and height.
+    pub size_px: [f32; 2],
+    /// How near it is.
+    pub nearness: f32,
+    /// Pixels it covers on average.
+    pub area_px: f32,
+    /// Where its noise begins.
+    pub word: u32,
+}
+
+impl Splat {
+    /// An item as a splat.
+    pub fn of(camera: &Camera, item: &Item) -> Self {
+        let scale = camera.px_per_m(item.depth_m);
+        let wide_px = (item.axes[0].length() + item.axes[1].length()) * scale;
+        let tall_px = (item.axes[2].length() * scale).max(wide_px * 0.5);
+        let [x0, y0, x1, y1] = item.rect_px;
+        Self {
+            middle_px: [0.5 * (x0 + x1), 0.5 * (y0 + y1)],
+            size_px: [wide_px, tall_px],
+            nearness: if camera.is_perspective() {
+                1.0 / item.depth_m.max(0.1)
+            } else {
+                -item.depth_m
+            },
+            // crowns fill some two thirds of their box
+            area_px: wide_px * tall_px * 0.66,
+            word: noise::hash2(item.group ^ 0x7f4a, item.index),
+        }
+    }
+}
+
 fn splat(buffer: &mut SurfaceBuffer, camera: &Camera, item: &Item, place: u32) {
-    let word = noise::hash2(item.group ^ 0x7f4a, item.index);
-    let scale = camera.px_per_m(item.depth_m);
-    let wide_px = (item.axes[0].length() + item.axes[1].length()) * scale;
-    let tall_px = (item.axes[2].length() * scale).max(wide_px * 0.5);
-    // crowns fill some two thirds of their box
-    let mut left_px = wide_px * tall_px * 0.66;
-    let [x0, y0, x1, y1] = item.rect_px;
-    let (mx, my) = (0.5 * (x0 + x1), 0.5 * (y0 + y1));
-    let nearness =
-        if camera.is_perspective() { 1.0 / item.depth_m.max(0.1) } else { -item.depth_m };
+    let Splat { middle_px: [mx, my], size_px: [wide_px, tall_px], nearness, area_px, word } =
+        Splat::of(camera, item);
+    let mut left_px = area_px;
     let surface = Surface::Part(Material::Foliage);
-    for k in 0..12_u32 {
+    for k in 0..MOST_DOTS {
         let [a, b, c, d] = noise::four(noise::hash2(word, k));
         if left_px < a {
             break;
@@ -305,10 +370,11 @@ mod tests {
         let biome = Biome::builtin("sonoma").unwrap();
         let ground = Ground::new(&Grid::from_fn(40, 40, 1.0, |_| 0.0), [0.0; 3]);
         let world = World::new(instances, ground, &biome, [&[], &[]], Season::Summer);
-        let light = Lighting::new(&world, Sky::new(sun, 1.0), camera);
+        let mut painter = Painter::Cpu;
+        let light = Lighting::new(&world, Sky::new(sun, 1.0), camera, &mut painter).unwrap();
         let Lighting { sky, shadows, sky_light } = &light;
         let lights = Lights { sky, shadows, sky_light, has_air: true, clear_m: 0.0 };
-        take(&world, &lights, camera, &OPTIONS)
+        take(&world, &lights, camera, &OPTIONS, &mut painter).unwrap()
     }
 
     #[test]

@@ -7,17 +7,27 @@ use super::coverage::{Window, cover};
 use super::draw_list::{self, Detail, DetailSizes, Item};
 use super::ground::Ground;
 use super::noise;
+use super::painter::Painter;
 use super::vector::{Vec3, vec3};
 use super::world::World;
+use crate::gpu::GpuError;
 use crate::tree::mesh::Material;
 
 /// Pixels a side of a tile of a depth map. chosen: fits a core's cache.
 const TILE_PX: u32 = 256;
+/// Sizes in texels from which on finer models are drawn. chosen: far models cast nearly the same shadow; what is smaller than two texels casts
+/// as a splat.
+pub const DETAIL: DetailSizes = DetailSizes { least_px: [600.0, 90.0, 3.0] };
 /// Gaps in foliage are as large as this, m, or two texels. chosen: holes between sprays.
 const GAP_M: f32 = 0.3;
 /// Below this smooth noise leaves a gap: over a third of the surface. chosen: light meets two or more surfaces of a crown, so that
 /// a seventh or less reaches the ground in flecks, as under real stands.
-const GAP_THRESHOLD: f32 = 0.43;
+pub const GAP_THRESHOLD: f32 = 0.43;
+
+/// Size of gaps in foliage where texels are so large.
+pub fn gap_m(texel_m: f32) -> f32 {
+    GAP_M.max(2.0 * texel_m)
+}
 
 /// A depth map.
 pub struct DepthMap {
@@ -38,12 +48,17 @@ pub struct Shadows {
 
 impl Shadows {
     /// Depth maps around balls (middle, radius, texels a side), the finest first; `sun` is the direction to it.
-    pub fn new(world: &World<'_>, sun: Vec3, balls: &[(Vec3, f32, u32)]) -> Self {
-        let maps = balls
-            .iter()
-            .map(|&(middle, radius_m, side_px)| depth_map(world, sun, middle, radius_m, side_px))
-            .collect();
-        Self { maps, sun }
+    ///
+    /// # Errors
+    /// If a graphics card is the painter and fails.
+    pub fn new(
+        world: &World<'_>,
+        sun: Vec3,
+        balls: &[(Vec3, f32, u32)],
+        painter: &mut Painter,
+    ) -> Result<Self, GpuError> {
+        let maps = balls.iter().map(|ball| depth_map(world, sun, *ball, painter));
+        Ok(Self { maps: maps.collect::<Result<_, _>>()?, sun })
     }
 
     /// Share of the sun that reaches a place, 0..=1; `reach_m` is how far off its surface the question is asked.
@@ -92,25 +107,44 @@ impl DepthMap {
     }
 }
 
-fn depth_map(world: &World<'_>, sun: Vec3, middle: Vec3, radius_m: f32, side_px: u32) -> DepthMap {
+fn depth_map(
+    world: &World<'_>,
+    sun: Vec3,
+    (middle, radius_m, side_px): (Vec3, f32, u32),
+    painter: &mut Painter,
+) -> Result<DepthMap, GpuError> {
     let [azimuth_rad, pitch_rad] = direction_angles(sun, Vec3::default());
     let side = side_px as f32;
     let px_per_m = side / (2.0 * radius_m);
     let camera = Camera::orthographic(middle, azimuth_rad, pitch_rad, px_per_m, [side, side]);
-    // far models cast nearly the same shadow; what is smaller than two texels casts as a splat
-    let sizes = DetailSizes { least_px: [600.0, 90.0, 3.0] };
-    let items = draw_list::visible(world.instances, &world.bounds, &camera, &sizes);
-    let tiling = draw_list::tile(&items, side_px, side_px, TILE_PX);
+    let items = draw_list::visible(world.instances, &world.bounds, &camera, &DETAIL);
     let texel_m = 1.0 / px_per_m;
+    let nearness = match painter {
+        Painter::Cpu => nearness(world, &camera, &items, side_px, texel_m),
+        #[cfg(feature = "gpu")]
+        Painter::Gpu(gpu) => gpu.depth_map(world, &camera, &items, side_px, texel_m)?,
+    };
+    Ok(DepthMap { camera, side_px, nearness, middle, radius_m, texel_m })
+}
+
+/// Nearness of what the sun sees in each pixel of a depth map, −∞ where there is nothing; by the CPU.
+pub fn nearness(
+    world: &World<'_>,
+    camera: &Camera,
+    items: &[Item],
+    side_px: u32,
+    texel_m: f32,
+) -> Vec<f32> {
+    let tiling = draw_list::tile(items, side_px, side_px, TILE_PX);
     let tiles: Vec<Vec<f32>> = tiling
         .windows
         .par_iter()
         .zip(&tiling.items)
         .map(|(window, list)| {
             let mut depths = vec![f32::NEG_INFINITY; window.len()];
-            draw_ground(&mut depths, *window, &camera, &world.ground, texel_m);
+            draw_ground(&mut depths, *window, camera, &world.ground, texel_m);
             for place in list {
-                draw_item(&mut depths, *window, &camera, world, &items[*place as usize], texel_m);
+                draw_item(&mut depths, *window, camera, world, &items[*place as usize], texel_m);
             }
             depths
         })
@@ -122,15 +156,32 @@ fn depth_map(world: &World<'_>, sun: Vec3, middle: Vec3, radius_m: f32, side_px:
             nearness[first..first + values.len()].copy_from_slice(values);
         }
     }
-    DepthMap { camera, side_px, nearness, middle, radius_m, texel_m }
+    nearness
 }
 
-/// The terrain itself, from cells no finer than texels.
-fn draw_ground(depths: &mut [f32], window: Window, camera: &Camera, ground: &Ground, texel_m: f32) {
+/// Cells a side of the terrain's triangles where texels are so large.
+pub fn ground_step(ground: &Ground, texel_m: f32) -> usize {
     let mut step = 1;
     while step < 16 && (step as f32) * ground.cell_m < 3.0 * texel_m {
         step *= 2;
     }
+    step
+}
+
+/// The texel that a splat darkens, `None` if it is left out by chance.
+pub fn splat_texel(item: &Item) -> Option<[i32; 2]> {
+    let [left, top, right, bottom] = item.rect_px;
+    // a ball's rectangle is three times as large as most plants
+    let area_px = (right - left) * (bottom - top) * 0.3;
+    let word = noise::hash2(item.group, item.index);
+    // saturating; what is beside the map is passed over
+    let texel = [(0.5 * (left + right)) as i32, (0.5 * (top + bottom)) as i32];
+    (area_px >= noise::unit(word)).then_some(texel)
+}
+
+/// The terrain itself, from cells no finer than texels.
+fn draw_ground(depths: &mut [f32], window: Window, camera: &Camera, ground: &Ground, texel_m: f32) {
+    let step = ground_step(ground, texel_m);
     // the tile's footprint on the terrain, generously: rays from its corners at the lowest and highest ground
     let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
     for x in [window.left, window.right] {
@@ -186,14 +237,7 @@ fn draw_item(
     let level = match item.detail {
         Detail::Level(level) => level,
         Detail::Splat => {
-            let [left, top, right, bottom] = item.rect_px;
-            let (x, y) = (0.5 * (left + right), 0.5 * (top + bottom));
-            // a ball's rectangle is three times as large as most plants
-            let area_px = (right - left) * (bottom - top) * 0.3;
-            if area_px < noise::unit(word) {
-                return;
-            }
-            let (col, row) = (x as i32, y as i32); // within the map or passed over
+            let Some([col, row]) = splat_texel(item) else { return };
             let inside = col >= window.left
                 && col < window.right
                 && row >= window.top
@@ -206,7 +250,7 @@ fn draw_item(
         }
     };
     let mesh = &world.instances.archetypes[group.archetype].levels[usize::from(level)];
-    let gap_m = GAP_M.max(2.0 * texel_m);
+    let gap_m = gap_m(texel_m);
     let has_leaves = world.has_leaves(item);
     for part in &mesh.parts {
         let is_foliage = part.material == Material::Foliage;

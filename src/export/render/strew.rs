@@ -20,9 +20,12 @@ const LEAVES_PER_M2: f32 = 420.0;
 /// A square of ground within sight.
 #[derive(Clone, Copy, Debug)]
 pub struct Tuft {
-    col: i32,
-    row: i32,
-    depth_m: f32,
+    /// Its column, east of 0 by so many metres.
+    pub col: i32,
+    /// Its row, north of 0 by so many metres.
+    pub row: i32,
+    /// Depth of its middle, m.
+    pub depth_m: f32,
     rect_px: [f32; 4],
 }
 
@@ -66,10 +69,36 @@ pub fn draw(buffer: &mut SurfaceBuffer, world: &World<'_>, camera: &Camera, tuft
             continue;
         }
         let word = noise::hash2(tuft.col as u32, tuft.row as u32); // bits, not sizes
-        let px_per_m = camera.px_per_m(tuft.depth_m.max(1.0));
+        let px_per_m = px_per_m(camera, tuft);
         grass(buffer, world, camera, tuft, word, px_per_m);
         litter(buffer, world, camera, tuft, word ^ 0x1234_5678, px_per_m);
     }
+}
+
+/// Pixels a metre has on a square.
+pub fn px_per_m(camera: &Camera, tuft: &Tuft) -> f32 {
+    camera.px_per_m(tuft.depth_m.max(1.0))
+}
+
+/// Width of blades where a metre has so many pixels: far ones are fewer and wider.
+fn blade_width_m(px_per_m: f32) -> f32 {
+    (1.3 / px_per_m).max(0.0055)
+}
+
+/// Length of fallen leaves likewise.
+fn litter_length_m(px_per_m: f32) -> f32 {
+    (2.0 / px_per_m).max(0.055)
+}
+
+/// Most blades and most fallen leaves on a square where a metre has so many pixels.
+pub fn counts(px_per_m: f32) -> [u32; 2] {
+    let share = (0.0055 / blade_width_m(px_per_m)).min(1.0);
+    let blades = BLADES_PER_M2 * SQUARE_M * SQUARE_M * share;
+    let length_m = litter_length_m(px_per_m);
+    let share = (0.055 / length_m) * (0.055 / length_m);
+    // small leaves are in the ground's colour
+    let leaves = if length_m > 0.2 { 0.0 } else { LEAVES_PER_M2 * SQUARE_M * SQUARE_M * share };
+    [blades as u32, leaves as u32] // some hundreds
 }
 
 /// A place on a square.
@@ -104,11 +133,8 @@ fn grass(
 ) {
     let Some(field) = &world.ground.grass_m else { return };
     let window = buffer.window;
-    // far blades are fewer and wider
-    let least_m = 1.3 / px_per_m;
-    let width_m = least_m.max(0.0055);
-    let share = (0.0055 / width_m).min(1.0);
-    let count = (BLADES_PER_M2 * SQUARE_M * SQUARE_M * share) as u32; // some hundreds
+    let width_m = blade_width_m(px_per_m);
+    let [count, _] = counts(px_per_m);
     for k in 0..count {
         let [u, v, s, t] = noise::four(noise::hash2(word, k));
         let Some(root) = place(world, tuft, [u, v]) else { continue };
@@ -158,13 +184,8 @@ fn litter(
 ) {
     let Some(field) = &world.ground.litterfall else { return };
     let window = buffer.window;
-    let least_m = 2.0 / px_per_m;
-    let length_m = least_m.max(0.055);
-    if length_m > 0.2 {
-        return; // the ground's colour has them
-    }
-    let share = (0.055 / length_m) * (0.055 / length_m);
-    let count = (LEAVES_PER_M2 * SQUARE_M * SQUARE_M * share) as u32; // some hundreds
+    let length_m = litter_length_m(px_per_m);
+    let [_, count] = counts(px_per_m);
     for k in 0..count {
         let [u, v, s, t] = noise::four(noise::hash2(word, k));
         let Some(middle) = place(world, tuft, [u, v]) else { continue };
