@@ -117,7 +117,7 @@ fn leaf(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u
     let lump_slope = smooth_with_slope(lump_at);
     let lump = lump_slope.x;
     let tilted = unit_or_up(normal - lump_slope.yzw * (item.lumpiness * LUMP_TILT));
-    let lift_m = item.fringe_m * (0.6 + 1.6 * t - 0.6 * (1.0 - u) * t) + item.lump_reach_m * (1.4 * lump - 0.35);
+    let lift_m = item.fringe_m * (0.6 + 1.6 * t - 0.6 * (1.0 - u) * t) + item.lump_reach_m * max(1.4 * lump - 0.35, 0.0);
     let middle = base + outward * lift_m;
     if is_near && middle.z < 0.3 {
         return nowhere();

@@ -118,10 +118,7 @@ impl Crown {
         let is_leafy = leaf_m < 0.55 * crown_radius_m;
         let fringe_m = if is_leafy { look.fringe * crown_radius_m + 0.4 * leaf_m } else { 0.0 };
         let lump_reach_m = look.lumpiness * crown_radius_m;
-        // sections and maps stay closed: paper would shine through
-        let is_open = is_leafy
-            && camera.is_perspective()
-            && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
+        let is_open = is_leafy && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
         Self {
             leaf_m,
             leaf_area_m2: 0.5 * leaf_m * leaf_m * look.width.max(0.34),
@@ -224,7 +221,7 @@ pub fn draw(
             let (lump, slope) = noise::smooth_with_slope(lump_at);
             let tilted = (normal - slope * (look.lumpiness * LUMP_TILT)).normalize_or(UP);
             let lift_m = fringe_m * (0.6 + 1.6 * t - 0.6 * (1.0 - u) * t)
-                + lump_reach_m * (1.4 * lump - 0.35);
+                + lump_reach_m * (1.4 * lump - 0.35).max(0.0); // no leaf lies behind the inside
             let middle = base + outward * lift_m;
             if is_near && middle.z < 0.3 {
                 continue;
