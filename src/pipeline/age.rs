@@ -1,6 +1,6 @@
 //! A scene's forest over centuries: plants, snags, downed logs and their histories into its folder.
 
-use std::collections::HashSet;
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -385,7 +385,7 @@ fn resume(
 /// Warns of plants whose growth was asked for and that never lived.
 fn tell_of_strangers(of: &GrowthOf, growth: &[GrowthRecord], reporter: &Reporter) {
     let GrowthOf::Plants(ids) = of else { return };
-    let known: HashSet<u64> = growth.iter().map(|record| record.plant_id).collect();
+    let known: BTreeSet<u64> = growth.iter().map(|record| record.plant_id).collect();
     let strangers: Vec<String> =
         ids.iter().filter(|id| !known.contains(id)).map(u64::to_string).collect();
     if !strangers.is_empty() {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::biome_file::ChosenBiome;
 use super::grow::{self, CanopyInput, CanopyRequest};
-use super::import::{self, ImportRequest, ReadTerrain};
+use super::import::{self, ImportRequest, MadeMaps, ReadTerrain};
 use super::undergrowth::{self, UndergrowthInput, UndergrowthRequest};
 use super::{Error, close_up};
 use crate::canopy::shares::Shares;
@@ -46,16 +46,13 @@ pub fn run(
     let entry = import::write_terrain(&read, &mut transaction, key.clone(), parameters)?;
     let mut stages = BTreeMap::new();
     stages.insert("terrain".to_owned(), entry);
-    let entry = import::write_abiotics(
-        &read.terrain,
-        &maps,
-        &mut transaction,
-        key,
-        &request,
-        chosen.own_text.as_deref(),
-        &climate,
-        reporter,
-    )?;
+    let made = MadeMaps {
+        terrain: &read.terrain,
+        climate: &climate,
+        own_biome: chosen.own_text.as_deref(),
+        maps: &maps,
+    };
+    let entry = import::write_abiotics(&made, &mut transaction, key, &request, reporter)?;
     stages.insert("abiotics".to_owned(), entry);
     let scene = SceneHead::new(&request.folder, &read.terrain, &chosen.biome.key, terrain.seed);
     let mut manifest = Manifest { scene, inputs: Vec::new(), stages };

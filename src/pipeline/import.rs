@@ -169,16 +169,13 @@ pub fn run(request: &ImportRequest, reporter: &Reporter) -> Result<Manifest, Err
     if !abiotics_are_current {
         warn_of_climate_from_elsewhere(&read.terrain, &climate, reporter);
         let maps = abiotics::run(&read.terrain, &climate, &request.abiotics, reporter)?;
-        let entry = write_abiotics(
-            &read.terrain,
-            &maps,
-            &mut transaction,
-            abiotics_key,
-            request,
-            chosen.own_text.as_deref(),
-            &climate,
-            reporter,
-        )?;
+        let made = MadeMaps {
+            terrain: &read.terrain,
+            climate: &climate,
+            own_biome: chosen.own_text.as_deref(),
+            maps: &maps,
+        };
+        let entry = write_abiotics(&made, &mut transaction, abiotics_key, request, reporter)?;
         manifest.stages.insert("abiotics".to_owned(), entry);
     }
     reporter.check_cancelled()?;
@@ -514,16 +511,23 @@ pub(super) fn write_terrain(
     Ok(files.into_entry(key, parameters, figures))
 }
 
+/// Abiotic maps, and what they were made from.
+pub(super) struct MadeMaps<'a> {
+    pub terrain: &'a Terrain,
+    pub climate: &'a Climate,
+    /// Text of a biome that is not built in.
+    pub own_biome: Option<&'a str>,
+    pub maps: &'a AbioticMaps,
+}
+
 pub(super) fn write_abiotics(
-    terrain: &Terrain,
-    maps: &AbioticMaps,
+    made: &MadeMaps<'_>,
     transaction: &mut Transaction,
     key: String,
     request: &ImportRequest,
-    own_biome: Option<&str>,
-    climate: &Climate,
     reporter: &Reporter,
 ) -> Result<StageEntry, Error> {
+    let MadeMaps { terrain, climate, own_biome, maps } = *made;
     let mut files = StageFiles::new(transaction);
     files.abiotics(maps, reporter)?;
     if let Some(text) = own_biome {
