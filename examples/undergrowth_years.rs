@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use wildwood::abiotics;
+use wildwood::pipeline::biome_file;
 use wildwood::pipeline::import::{self, ImportRequest};
 use wildwood::plants::table;
 use wildwood::progress::Reporter;
 use wildwood::scene::Manifest;
 use wildwood::simulation::{CellWindow, Community, Parameters, Plot};
-use wildwood::species::Biome;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let reporter = Reporter::silent();
     let manifest = Manifest::read(Path::new(scene))?.ok_or("no scene")?;
-    let biome = Biome::builtin(&manifest.scene.biome)?;
+    let biome = biome_file::of_scene(Path::new(scene), &manifest)?;
     let request = ImportRequest {
         biome: manifest.scene.biome.clone(),
         ..ImportRequest::new(vec![PathBuf::from(dem)], PathBuf::from(scene))

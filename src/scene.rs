@@ -30,7 +30,7 @@ const STAGING_PREFIX: &str = ".wildwood-partial-";
 #[non_exhaustive]
 #[allow(missing_docs, reason = "the message tells what the fields are")]
 pub enum Error {
-    #[error("{path}: cannot write the scene: {source}; check free space and permissions", path = path.display())]
+    #[error("{path}: cannot write: {source}; check free space and permissions", path = path.display())]
     Write { path: PathBuf, source: io::Error },
     #[error("{path}: cannot read the scene: {source}; {hint}", path = path.display(), hint = reading_hint(source))]
     Read { path: PathBuf, source: io::Error },

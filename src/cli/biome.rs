@@ -6,10 +6,8 @@ use clap::Args;
 use serde_json::json;
 
 use super::{Outcome, Shared, terminal};
-use crate::pipeline::Error;
-use crate::pipeline::biome_file::ChosenBiome;
+use crate::pipeline::biome_file::{self, ChosenBiome};
 use crate::pipeline::import::DEFAULT_BIOME;
-use crate::scene;
 use crate::species::{Biome, Form, Species};
 
 /// What `wildwood biome` takes.
@@ -26,21 +24,17 @@ pub struct BiomeArguments {
 pub fn run(arguments: &BiomeArguments, shared: &Shared) -> Outcome {
     let ChosenBiome { biome, own_text } = ChosenBiome::read(&arguments.biome)?;
     if let Some(path) = &arguments.output {
-        if path.exists() {
-            let what = format!("{}: exists; name a new file", path.display());
-            return Err(Error::Usage { what });
-        }
         let text = match &own_text {
             Some(text) => text,
             None => Biome::builtin_toml(&arguments.biome)?,
         };
-        scene::write_beside(path, text.as_bytes())?;
+        biome_file::write_new(path, text)?;
     }
     if shared.json {
         let species: Vec<_> =
             biome.species.iter().map(|species| as_json(&biome, species)).collect();
         terminal::line(&json!({
-            "biome": biome.key, "name": biome.name, "species": species, "file": arguments.output,
+            "event": "done", "biome": biome.key, "name": biome.name, "species": species, "file": arguments.output,
         }));
     } else if !shared.quiet {
         let (species, sub_biomes) = (biome.species.len(), biome.sub_biomes.len());

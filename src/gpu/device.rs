@@ -3,7 +3,7 @@
 //! A card may be lost, run out of memory or never answer, and its driver's library panics on what it has no error for.
 //! None of this may end or hang a run.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -266,12 +266,16 @@ impl Device {
             }
             let result = {
                 let bytes = view.get_mapped_range().map_err(|_| "its memory cannot be read")?;
-                bytemuck::try_cast_slice(&bytes).map(take).map_err(|_| "its memory is misaligned")
+                let values = bytemuck::try_cast_slice(&bytes);
+                // what panics in `take` is no fault of the card's
+                let took = |values: &[T]| catch_unwind(AssertUnwindSafe(|| take(values)));
+                values.map(took).map_err(|_| "its memory is misaligned")
             };
             raw.unmap();
             result
         })?;
-        taken.map_err(|problem| self.failed(what, problem.to_owned()))
+        let taken = taken.map_err(|problem| self.failed(what, problem.to_owned()))?;
+        Ok(taken.unwrap_or_else(|panic| resume_unwind(panic)))
     }
 
     /// Does `work` unless the card was lost before; tells what went wrong meanwhile.

@@ -32,6 +32,7 @@ use super::table::{Column, Kind, Table, Values};
 use crate::raster::Crs;
 
 pub mod read;
+mod thrift;
 
 pub use read::read;
 

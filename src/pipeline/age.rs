@@ -219,7 +219,7 @@ pub fn run(request: &AgeRequest, reporter: &Reporter) -> Result<(Manifest, PathB
     };
     ground.live(&mut forest, &events, request.years, reporter, &mut keep)?;
     drop(stage);
-    tell_of_strangers(&request.growth_of, &growth, reporter);
+    tell_of_strangers(&request.growth_of, begins_with, &forest, reporter);
 
     // write
     let mut transaction = Transaction::begin(&folder)?;
@@ -382,16 +382,23 @@ fn resume(
     (forest, Vec::new())
 }
 
+/// Most ids that a warning names.
+const MOST_NAMED: usize = 5;
+
 /// Warns of plants whose growth was asked for and that never lived.
-fn tell_of_strangers(of: &GrowthOf, growth: &[GrowthRecord], reporter: &Reporter) {
+fn tell_of_strangers(of: &GrowthOf, began: &Plants, forest: &Forest, reporter: &Reporter) {
     let GrowthOf::Plants(ids) = of else { return };
-    let known: BTreeSet<u64> = growth.iter().map(|record| record.plant_id).collect();
+    let lived = forest.history().iter().map(|event| event.plant_id);
+    let known: BTreeSet<u64> =
+        began.id.iter().chain(&forest.community().id).copied().chain(lived).collect();
     let strangers: Vec<String> =
         ids.iter().filter(|id| !known.contains(id)).map(u64::to_string).collect();
-    if !strangers.is_empty() {
+    if let Some(named) = strangers.chunks(MOST_NAMED).next() {
+        let more = strangers.len() - named.len();
+        let and = if more > 0 { format!(" and of {more} others") } else { String::new() };
         let text = format!(
-            "--history: no plant of id {} lived in these years; ids are those of plants.parquet",
-            strangers.join(", ")
+            "--history: no plant of id {}{and} lived in these years; ids are those of plants.parquet",
+            named.join(", ")
         );
         reporter.warn(Warning::Other { text });
     }

@@ -5,8 +5,9 @@ use std::io::Read;
 use std::path::Path;
 
 use super::Error;
+use super::export_output::check_file;
 use crate::io::{self, ParseError};
-use crate::scene::Manifest;
+use crate::scene::{self, Manifest};
 use crate::species::Biome;
 
 /// A scene's copy of a biome that is not built in.
@@ -30,8 +31,8 @@ impl ChosenBiome {
     /// If there is neither, or the file holds no sound biome; the message names file, key and value.
     pub fn read(name_or_file: &str) -> Result<Self, Error> {
         let path = Path::new(name_or_file);
-        let is_file = path.exists() || path.extension().is_some_and(|ending| ending == "toml");
-        if Biome::BUILTIN_NAMES.contains(&name_or_file) || !is_file {
+        let is_path = path.exists() || path.extension().is_some_and(|ending| ending == "toml");
+        if Biome::BUILTIN_NAMES.contains(&name_or_file) || !is_path {
             return Ok(Self { biome: Biome::builtin(name_or_file)?, own_text: None });
         }
         let text = read_text(path, "a biome file")?;
@@ -39,13 +40,34 @@ impl ChosenBiome {
     }
 }
 
+/// Writes a biome's text to a new file.
+///
+/// # Errors
+/// If something is there already, which may have been edited, or it cannot be written.
+pub fn write_new(path: &Path, text: &str) -> Result<(), Error> {
+    check_file(path, "biome", |_| false)?;
+    Ok(scene::write_beside(path, text.as_bytes())?)
+}
+
 /// The biome of a scene: its own copy of one, else the built-in one that it names.
-pub(super) fn of_scene(folder: &Path, manifest: &Manifest) -> Result<Biome, Error> {
-    if !manifest.files().any(|file| file == COPY) {
+///
+/// # Errors
+/// If the copy is missing, or is not as it was when maps and forest were made with it.
+pub fn of_scene(folder: &Path, manifest: &Manifest) -> Result<Biome, Error> {
+    let mut entries = manifest.stages.values();
+    let Some(hash) = entries.find_map(|entry| entry.files.get(COPY)) else {
         return Ok(Biome::builtin(&manifest.scene.biome)?);
-    }
+    };
     let path = folder.join(COPY);
-    parse(&read_text(&path, "a biome file")?, &path)
+    let text = read_text(&path, "a biome file")?;
+    if blake3::hash(text.as_bytes()).to_hex().as_str() != hash {
+        let what = format!(
+            "{}: was changed since the scene's maps were made with it; copy it elsewhere and import the terrain again with --biome FILE",
+            path.display()
+        );
+        return Err(Error::Usage { what });
+    }
+    parse(&text, &path)
 }
 
 fn parse(text: &str, path: &Path) -> Result<Biome, Error> {

@@ -19,7 +19,6 @@ use crate::simulation::Parameters;
 use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::undergrowth::refinement::{self, Area, RefinementFigures};
-use crate::undergrowth::statistics::StatisticsError;
 use crate::undergrowth::{self, Conditions, Statistics, Synthesis, Trees, Undergrowth, sampling};
 
 /// Name of the stage in `scene.toml`.
@@ -94,17 +93,15 @@ impl UndergrowthRequest {
         }
         let read;
         let (text, name) = match &self.statistics {
-            None => match Statistics::builtin(biome) {
-                Err(StatisticsError::NoneBuiltIn { .. } | StatisticsError::OtherBiome { .. }) => {
-                    let text = format!(
-                        "no undergrowth: no statistics of the biome `{}` are built in; make them (wildwood statistics --biome FILE -o statistics.json, some minutes) and give them with --undergrowth-statistics",
-                        biome.key
-                    );
-                    reporter.warn(Warning::Other { text });
-                    return Ok(None);
+            None => {
+                if let Some(text) = unfit(biome) {
+                    reporter.warn(Warning::Other { text: text.to_owned() });
+                    if Statistics::builtin(biome).is_err() {
+                        return Ok(None);
+                    }
                 }
-                _ => (Statistics::builtin_json(biome), "built-in statistics".to_owned()),
-            },
+                (Statistics::builtin_json(biome), "built-in statistics".to_owned())
+            }
             Some(path) => {
                 read = std::fs::read_to_string(path)
                     .map_err(|source| io::Error::Read { path: path.clone(), source })?;
@@ -115,6 +112,21 @@ impl UndergrowthRequest {
             .and_then(|text| Ok((Statistics::parse(text, biome)?, super::import::key(&[text]))));
         statistics.map(Some).map_err(|e| Error::Usage { what: format!("{name}: {e}") })
     }
+}
+
+/// What is amiss when a biome of one's own has no statistics of its own; `None` for a built-in biome, and one with another climate alone.
+fn unfit(biome: &Biome) -> Option<&'static str> {
+    let origin = Biome::builtin(&biome.key).ok();
+    let is_alike =
+        |origin: &Biome| origin.species == biome.species && origin.sub_biomes == biome.sub_biomes;
+    if origin.is_some_and(|origin| is_alike(&origin)) {
+        return None;
+    }
+    Some(if Statistics::builtin(biome).is_ok() {
+        "undergrowth is that of the built-in species; make statistics of your own (wildwood statistics --biome FILE -o statistics.json, some minutes) and give them with --undergrowth-statistics"
+    } else {
+        "no undergrowth: no statistics of these species are built in; make them (wildwood statistics --biome FILE -o statistics.json, some minutes) and give them with --undergrowth-statistics"
+    })
 }
 
 /// Grows undergrowth, and the forest floor under all plants.
@@ -242,12 +254,12 @@ pub(super) fn write(
     }
     stage.advance(1);
     let mut parameters = toml::Table::new();
-    parameters.insert("undergrowth".to_owned(), (!request.is_off).into());
+    parameters.insert("undergrowth".to_owned(), (grown.undergrowth > 0).into());
     if let Some(path) = &request.statistics {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         parameters.insert("statistics".to_owned(), name.into());
     }
-    match request.refine {
+    match request.refine.filter(|_| grown.refinement.is_some()) {
         None => {}
         Some(Refine::All) => drop(parameters.insert("refine".to_owned(), "all".into())),
         Some(Refine::Within(window)) => {

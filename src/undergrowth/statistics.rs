@@ -130,7 +130,7 @@ pub enum StatisticsError {
     #[error("statistics cannot be read: {problem}; make them anew with `wildwood statistics`")]
     Unreadable { problem: String },
     #[error(
-        "statistics are of biome {found}, with other species or sub-biomes than {wanted} has now; make them anew with `wildwood statistics --biome {wanted}`"
+        "statistics are of biome {found}, with other species or sub-biomes than {wanted} has now; make them anew with `wildwood statistics --biome`, which takes a name or a file"
     )]
     OtherBiome { found: String, wanted: String },
     #[error("no statistics are built in for biome `{name}`")]

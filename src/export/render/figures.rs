@@ -7,8 +7,8 @@ use crate::export::furniture::{self, rounded};
 use crate::export::instances::{FeatureTable, Instances};
 use crate::export::lettering::{Align, Lettering};
 use crate::export::ramp::{Ramp, Rgb, Spread};
+use crate::export::scale;
 use crate::export::selection::Selection;
-use crate::export::{scale, species_legend};
 use crate::plants::{Layer, Plants};
 
 /// What colours mean.
@@ -127,7 +127,8 @@ pub fn draw_key(canvas: &mut Canvas, colour: Colour, selection: &Selection) {
     }
     let swatches = swatches(colour, selection);
     let room = (height - 2 * PLATE_MARGIN_PX - HEAD_PX) / ROW_PX;
-    let rows = (swatches.len() as u32).min(room); // a few dozen
+    let rows = (swatches.len() as u32).min(room); // biomes have some dozens
+    let is_cut = (rows as usize) < swatches.len();
     let scale = scale_of(colour, &selection.plants);
     let tall = HEAD_PX + rows * ROW_PX + if scale.is_some() { ROW_PX + BAR_PX } else { 0 };
     let (x, y) = (PLATE_MARGIN_PX, PLATE_MARGIN_PX);
@@ -160,7 +161,13 @@ pub fn draw_key(canvas: &mut Canvas, colour: Colour, selection: &Selection) {
         }
         top += ROW_PX - 4;
     }
-    for (name, color) in swatches.iter().take(rows as usize) {
+    for (row, (name, color)) in swatches.iter().take(rows as usize).enumerate() {
+        if is_cut && row + 1 == rows as usize {
+            let text = format!("and {} more", swatches.len() - row);
+            let y = (top + 12) as f32;
+            lettering.draw(canvas, left as f32, y, Align::Left, &text, furniture::LABEL);
+            break;
+        }
         let swatch = Rect { x: left, y: top, width: 16, height: 14 };
         canvas.paint(swatch, |_, _| *color);
         canvas.frame(swatch, furniture::INK);
@@ -172,15 +179,30 @@ pub fn draw_key(canvas: &mut Canvas, colour: Colour, selection: &Selection) {
     }
 }
 
+/// Species that are there, live or dead: those of most crown area first, of all plants.
+fn species_entries(selection: &Selection) -> Vec<(String, Rgb)> {
+    let species = &selection.biome.species;
+    let mut area_m2 = vec![0.0_f64; species.len()];
+    let mut is_there = vec![false; species.len()];
+    let plants = &selection.plants;
+    for (index, radius_m) in plants.species.iter().zip(&plants.crown_radius_m) {
+        area_m2[usize::from(*index)] += f64::from(radius_m * radius_m);
+    }
+    let dead = selection.snags.species.iter().chain(&selection.downed_logs.species);
+    for index in plants.species.iter().chain(dead) {
+        is_there[usize::from(*index)] = true;
+    }
+    let mut order: Vec<usize> = (0..species.len()).filter(|s| is_there[*s]).collect();
+    order.sort_by(|a, b| area_m2[*b].total_cmp(&area_m2[*a]));
+    order.into_iter().map(|s| (species[s].common_name.clone(), species[s].color_srgb)).collect()
+}
+
 /// Names of colours that stand for one thing each.
 fn swatches(colour: Colour, selection: &Selection) -> Vec<(String, Rgb)> {
     let dead = || ("Deadwood".to_owned(), GREY);
     match colour {
         Colour::Natural => Vec::new(),
-        Colour::Species => species_legend::entries(&selection.plants, &selection.biome)
-            .into_iter()
-            .map(|entry| (entry.name, entry.color))
-            .collect(),
+        Colour::Species => species_entries(selection),
         Colour::Age | Colour::Vigor => vec![dead()],
         Colour::Decay => {
             let words = ["fresh", "firm", "softening", "soft", "crumbling"];
@@ -190,5 +212,69 @@ fn swatches(colour: Colour, selection: &Selection) -> Vec<(String, Rgb)> {
             entries.push(("Living stems".to_owned(), PALE));
             entries
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::export::selection::Filter;
+    use crate::plants::deadwood::Deadwood;
+
+    fn selection() -> Selection {
+        let biome = crate::species::Biome::builtin("sonoma").unwrap();
+        let sorrel = biome.species_index("redwood-sorrel").unwrap() as u16;
+        let redwood = biome.species_index("redwood").unwrap() as u16;
+        let plants = Plants {
+            id: vec![1, 2],
+            species: vec![sorrel, redwood],
+            layer: vec![Layer::Undergrowth, Layer::Canopy],
+            east_m: vec![1.0, 2.0],
+            north_m: vec![1.0, 2.0],
+            z_m: vec![0.0; 2],
+            height_m: vec![0.2, 30.0],
+            crown_radius_m: vec![0.4, 4.0],
+            dbh_m: vec![0.0, 0.6],
+            age_years: vec![2.0, 90.0],
+            vigor: vec![0.5; 2],
+        };
+        let elevation_m = crate::raster::Grid::from_fn(4, 4, 1.0, |_| 0.0);
+        let scene = crate::export::selection::SceneContent {
+            name: "wood".to_owned(),
+            biome,
+            elevation_m,
+            plants,
+            deadwood: Some(Deadwood::default()),
+            years: 0,
+        };
+        Selection::new(scene, &Filter::default()).unwrap()
+    }
+
+    #[test]
+    fn keys_name_what_is_there_the_widest_first() {
+        let names: Vec<String> =
+            swatches(Colour::Species, &selection()).into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, ["Redwood", "Redwood Sorrel"]);
+        assert_eq!(swatches(Colour::Decay, &selection()).len(), 6);
+    }
+
+    #[test]
+    fn ages_are_spread_over_the_canopy_not_the_undergrowth() {
+        let (_, spread) = scale_of(Colour::Age, &selection().plants).unwrap();
+        assert_eq!((spread.low, spread.high), (0.0, 90.0));
+    }
+
+    #[test]
+    fn keys_lie_on_large_pictures_of_figures_only() {
+        let drawn = |colour: Colour, size: [u32; 2]| {
+            let mut canvas = Canvas::new(size[0], size[1], [0; 3]);
+            draw_key(&mut canvas, colour, &selection());
+            canvas.image().get_pixel(PLATE_MARGIN_PX + 2, PLATE_MARGIN_PX + 2).0
+        };
+        for colour in [Colour::Species, Colour::Age, Colour::Vigor, Colour::Decay] {
+            assert_eq!(drawn(colour, [480, 320]), furniture::PAPER, "{colour:?}");
+            assert_eq!(drawn(colour, [479, 320]), [0; 3], "{colour:?}");
+        }
+        assert_eq!(drawn(Colour::Natural, [480, 320]), [0; 3]);
     }
 }

@@ -165,14 +165,14 @@ fn draw_items(
     let mut drawn_px = 0.0;
     for place in list {
         let item = &items[*place as usize];
-        if buffer.hides(item.rect_px, nearest(camera, item)) {
-            continue;
-        }
-        drawn_px += buffer.window.shared_px(item.rect_px);
         if drawn_px > enough_px {
             buffer.survey();
             drawn_px = 0.0;
         }
+        if buffer.hides(item.rect_px, nearest(camera, item)) {
+            continue;
+        }
+        drawn_px += buffer.window.shared_px(item.rect_px);
         let group = &world.instances.groups[item.group as usize];
         let has_leaves = world.has_leaves(item);
         let level = match item.detail {

@@ -235,7 +235,7 @@ const SIGHT_FIELDS: usize = 24;
 /// From this distance on a shrub hides little, m.
 const SIGHT_M: f32 = 14.0;
 
-/// Share of a view that plants right before it hide, 0..=1: nearer ones hide all, those at [`SIGHT_M`] nothing.
+/// Share of a view that low plants before it hide, 0..=1: tall ones close by the most, those at [`SIGHT_M`] nothing.
 fn hidden_share(here: Vec3, azimuth_rad: f32, near: &[&Neighbour]) -> f32 {
     let mut hidden = [0.0_f32; SIGHT_FIELDS];
     let field = FOREST_FOV_RAD / SIGHT_FIELDS as f32;
@@ -254,9 +254,9 @@ fn hidden_share(here: Vec3, azimuth_rad: f32, near: &[&Neighbour]) -> f32 {
         let off = turn - std::f32::consts::TAU * (turn / std::f32::consts::TAU).round();
         let half = math::atan2(neighbour.radius_m, distance_m);
         let place = |angle: f32| (angle + 0.5 * FOREST_FOV_RAD) / field;
-        let (first, last) = (place(off - half).max(0.0), place(off + half));
-        // fields within the view
-        for share in hidden.iter_mut().take(last.max(0.0) as usize).skip(first as usize) {
+        // fields within the view, those that are covered in part too
+        let (first, last) = (place(off - half).max(0.0) as usize, place(off + half).max(0.0));
+        for share in hidden.iter_mut().take(last.ceil() as usize).skip(first) {
             *share = share.max(weight);
         }
     }
@@ -364,6 +364,29 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn shrubs_before_the_eye_hide_a_view() {
+        let shrub = |north_m: f32, height_m: f32| Neighbour {
+            place: vec3(0.0, north_m, 0.0),
+            radius_m: 2.0,
+            height_m,
+            table: FeatureTable::Plants,
+            azimuth_rad: 0.0,
+        };
+        let share = |neighbour: &Neighbour, azimuth_rad: f32| {
+            hidden_share(Vec3::default(), azimuth_rad, &[neighbour])
+        };
+        let near = share(&shrub(2.5, 3.0), 0.0);
+        assert!(near > 0.6 && near <= 1.0, "{near}");
+        assert!(share(&shrub(10.0, 3.0), 0.0) < 0.3 * near);
+        assert_eq!(share(&shrub(2.5, 0.3), 0.0), 0.0, "herbs hide the ground only");
+        assert_eq!(share(&shrub(2.5, 3.0), std::f32::consts::PI), 0.0, "behind one's back");
+        assert!(
+            (share(&shrub(-2.5, 3.0), std::f32::consts::PI) - near).abs() < 0.06,
+            "across ±180°"
+        );
     }
 
     #[test]

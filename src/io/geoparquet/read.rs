@@ -6,6 +6,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{self, BufReader, Read};
+use std::ops::Deref;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 
@@ -24,7 +25,7 @@ use parquet::file::metadata::ParquetMetaData;
 use parquet::file::reader::{ChunkReader, Length};
 use serde_json::Value;
 
-use super::{GEO_KEY, LINE_BYTES, POINT_BYTES};
+use super::{GEO_KEY, LINE_BYTES, POINT_BYTES, thrift};
 use crate::io::geotiff::ByteSource;
 use crate::io::table::{Column, Kind, Values};
 use crate::io::{ParseError, ParseErrorKind};
@@ -50,10 +51,12 @@ pub fn read<S>(
 where
     S: ByteSource + Send + ?Sized + 'static,
 {
+    check_directory(&*source)?;
     let chunks = Chunks(source);
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let metadata = guarded(|| ArrowReaderMetadata::load(&chunks, options))?;
     check_layout(metadata.metadata(), chunks.len(), max_rows)?;
+    check_pages(metadata.metadata(), &*chunks.0)?;
     check_crs(metadata.metadata(), columns, crs)?;
     let fields = metadata.schema().fields();
     let roots: Vec<usize> = columns
@@ -108,6 +111,60 @@ fn damaged(error: ParquetError) -> ParseError {
         },
         e => ParseError::new(format!("not a sound Parquet file ({e})"), AGAIN),
     }
+}
+
+fn unsound(what: &str) -> ParseError {
+    ParseError::new(format!("not a sound Parquet file ({what})"), AGAIN)
+}
+
+fn bytes_of<S: ByteSource + ?Sized>(
+    source: &S,
+    start: u64,
+    length: u64,
+) -> Result<Vec<u8>, ParseError> {
+    let mut bytes = Vec::new();
+    Stream { source, position: start }.take(length).read_to_end(&mut bytes).map_err(|e| {
+        ParseError::new(e.to_string(), AGAIN).of_kind(ParseErrorKind::Device(e.kind()))
+    })?;
+    Ok(bytes)
+}
+
+/// Refuses a directory that is no structure, or claims more than it holds: the library would count it all.
+fn check_directory<S: ByteSource + ?Sized>(source: &S) -> Result<(), ParseError> {
+    let Some(foot) = source.len().checked_sub(8) else { return Err(unsound("it ends too early")) };
+    let tail = bytes_of(source, foot, 8)?;
+    let [a, b, c, d, ..] = tail[..] else { return Err(unsound("it ends too early")) };
+    let length = u64::from(u32::from_le_bytes([a, b, c, d]));
+    let start = foot.checked_sub(length).ok_or_else(|| unsound("its directory is cut"))?;
+    let walked = thrift::walk(&bytes_of(source, start, length)?);
+    walked.map(drop).ok_or_else(|| unsound("its directory is damaged"))
+}
+
+/// Bytes that most page headers lie within.
+const HEADER_BYTES: u64 = 1 << 10;
+
+/// Refuses pages whose headers are no structures, or claim more than they hold.
+fn check_pages<S: ByteSource + ?Sized>(
+    metadata: &ParquetMetaData,
+    source: &S,
+) -> Result<(), ParseError> {
+    let damaged = || unsound("the header of a page is damaged");
+    for chunk in metadata.row_groups().iter().flat_map(|group| group.columns()) {
+        // within the file, as its layout was checked
+        let (mut start, length) = chunk.byte_range();
+        let end = start + length;
+        while start < end {
+            let mut header = thrift::walk(&bytes_of(source, start, HEADER_BYTES.min(end - start))?);
+            if header.is_none() && HEADER_BYTES < end - start {
+                header = thrift::walk(&bytes_of(source, start, end - start)?);
+            }
+            let header = header.ok_or_else(damaged)?;
+            let size = header.third_field.and_then(|size| u64::try_from(size).ok());
+            let size = size.ok_or_else(damaged)?;
+            start = start.saturating_add(header.bytes as u64).saturating_add(size);
+        }
+    }
+    Ok(())
 }
 
 /// Refuses what the columns cannot be: chunks outside the file, too many rows, unknown compression.
@@ -180,7 +237,7 @@ impl<S: ByteSource + ?Sized> Length for Chunks<S> {
 }
 
 impl<S: ByteSource + Send + ?Sized> ChunkReader for Chunks<S> {
-    type T = BufReader<Stream<S>>;
+    type T = BufReader<Stream<Arc<S>>>;
 
     fn get_read(&self, start: u64) -> Result<Self::T, ParquetError> {
         Ok(BufReader::new(Stream { source: Arc::clone(&self.0), position: start }))
@@ -198,12 +255,12 @@ impl<S: ByteSource + Send + ?Sized> ChunkReader for Chunks<S> {
 }
 
 /// A stream over a source that it holds.
-struct Stream<S: ?Sized> {
-    source: Arc<S>,
+struct Stream<S> {
+    source: S,
     position: u64,
 }
 
-impl<S: ByteSource + ?Sized> Read for Stream<S> {
+impl<S: Deref<Target: ByteSource>> Read for Stream<S> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = self.source.read_at(self.position, buffer)?;
         self.position = self.position.saturating_add(count as u64);
