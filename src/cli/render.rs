@@ -225,8 +225,13 @@ fn report(rendered: &Rendered, shared: &Shared) {
         [first, .., last] => format!("{first} … {last}"),
         [] => String::new(),
     };
-    terminal::say(&format!(
-        "{what}: {} plants, snags and downed logs; taken from --camera {east_m:.1},{north_m:.1},{z_m:.1},{azimuth:.1},{pitch:.1}",
-        rendered.instances
-    ));
+    let from = match rendered.view {
+        // parallel rays have no camera of one's own
+        ViewRequest::Map | ViewRequest::Profile => String::new(),
+        ViewRequest::Overview | ViewRequest::ForestFloor | ViewRequest::Placed { .. } => format!(
+            "; taken from --camera {east_m:.1},{north_m:.1},{z_m:.1},{azimuth:.1},{pitch:.1}"
+        ),
+    };
+    let count = rendered.instances;
+    terminal::say(&format!("{what}: {count} plants, snags and downed logs{from}"));
 }

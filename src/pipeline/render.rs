@@ -143,6 +143,8 @@ pub struct Rendered {
     pub files: Vec<PathBuf>,
     /// Number of instances in the scene, or in the part of it.
     pub instances: usize,
+    /// From where.
+    pub view: ViewRequest,
     /// Where the last picture was taken from: east and north in map coordinates, elevation.
     pub eye: [f64; 3],
     /// Azimuth and pitch it was taken along, rad.
@@ -251,6 +253,7 @@ pub fn run_on(
     Ok(Rendered {
         files: frames,
         instances: instances.len(),
+        view: request.view,
         eye: [
             origin[0] + f64::from(camera.eye.x),
             origin[1] + f64::from(camera.eye.y),

@@ -6,6 +6,7 @@ use crate::export::selection::SceneContent;
 use crate::plants::Layer;
 use crate::plants::deadwood::Deadwood;
 use crate::raster::Cell;
+use crate::species::{Biome, Species};
 
 /// Years after which deadwood is held to a range. chosen: Peytavie et al. 2024, section 7.2, measure from year 500 on; runs of three
 /// centuries are to be held too.
@@ -83,7 +84,7 @@ impl Section {
 pub fn figures(input: &ReportInput, stand: &Stand) -> Vec<Figure> {
     let scene = input.scene;
     let is_pyrenees = scene.biome.key == "pyrenees";
-    let mut sections = vec![structure(stand, is_pyrenees)];
+    let mut sections = vec![structure(stand, &scene.biome, is_pyrenees)];
     sections.extend(input.fit.as_ref().map(fit));
     if scene.plants.layer.contains(&Layer::Undergrowth) {
         sections.push(undergrowth(stand, is_pyrenees));
@@ -93,10 +94,10 @@ pub fn figures(input: &ReportInput, stand: &Stand) -> Vec<Figure> {
     sections.into_iter().flat_map(|section| section.figures).collect()
 }
 
-fn structure(stand: &Stand, is_pyrenees: bool) -> Section {
+fn structure(stand: &Stand, biome: &Biome, is_pyrenees: bool) -> Section {
     let mut section = Section::new("Structure");
-    let says = "from open savanna to pole stands";
-    section.tell("canopy trees", "a hectare", stand.canopy_per_ha, says);
+    let source = "chosen: from open savanna to pole stands";
+    section.hold("canopy trees", "a hectare", stand.canopy_per_ha, [0.0, 6000.0], source);
     let source = "chosen: pole stands have some thousands; stems of 7.5 cm and more, as Peytavie 2024, 7.2, counts";
     section.hold("stems", "a hectare", stand.stems_per_ha, [0.0, 6000.0], source);
     let (expected, source) = if is_pyrenees {
@@ -107,10 +108,20 @@ fn structure(stand: &Stand, is_pyrenees: bool) -> Section {
         ([0.0, 100.0], source)
     };
     section.hold("basal area", "m²/ha", stand.basal_area_m2_ha, expected, source);
-    section.tell("quadratic mean diameter", "m", stand.quadratic_mean_dbh_m, "of those stems");
-    let says = "mean of the hundred thickest stems a hectare";
-    section.tell("dominant height", "m", stand.dominant_height_m, says);
-    section.tell("Lorey's height", "m", stand.lorey_height_m, "mean weighed by basal area");
+    let most = |of: fn(&Species) -> f32| {
+        let canopy = biome.canopy_species().map(|index| &biome.species[index]);
+        f64::from(canopy.map(of).fold(0.0, f32::max))
+    };
+    let thickest_m = most(|species| species.stem.max_trunk_diameter_m);
+    let source = "of those stems; no more than the biome's thickest trunk";
+    let value = stand.quadratic_mean_dbh_m;
+    section.hold("quadratic mean diameter", "m", value, [0.0, thickest_m], source);
+    let margin = f64::from(SpeciesParams::default().height_margin);
+    let tallest_m = most(|species| species.max_height_m) * margin;
+    let source = "mean of the hundred thickest stems a hectare; no more than the biome's tallest tree";
+    section.hold("dominant height", "m", stand.dominant_height_m, [0.0, tallest_m], source);
+    let source = "mean weighed by basal area; no more than the biome's tallest tree";
+    section.hold("Lorey's height", "m", stand.lorey_height_m, [0.0, tallest_m], source);
     let source = "Reineke 1933 for the index; chosen: near the most of pure Douglas-fir, redwood may exceed it";
     let value = stand.stand_density_index;
     section.hold("stand density index", "", value, [0.0, 1500.0], source);
