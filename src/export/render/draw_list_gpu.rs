@@ -278,12 +278,10 @@ fn key(world: &World<'_>, camera: &Camera, item: &Item, purpose: Purpose) -> Opt
     let group = &world.instances.groups[item.group as usize];
     let is_cut =
         purpose == Purpose::Picture { has_walls: true } && group.table == FeatureTable::DownedLogs;
-    let (kind, step) = if !world.group_has_leaves(group) {
-        (0, 0)
-    } else if purpose == Purpose::DepthMap {
-        (1, 0)
-    } else {
-        let look = &world.leaves[world.species(group)];
+    let foliage = world.foliage(group);
+    let (kind, step) = if purpose == Purpose::DepthMap {
+        (u64::from(world.group_has_leaves(group)), 0)
+    } else if let Some(look) = foliage {
         let crown = Crown::of(camera, item, look);
         if crown.is_leafy {
             let [x, y, z] = item.axes.map(Vec3::length);
@@ -293,8 +291,10 @@ fn key(world: &World<'_>, camera: &Camera, item: &Item, purpose: Purpose) -> Opt
             let kind = 4 | u64::from(crown.is_open) << 1 | u64::from(crown.is_round);
             (kind, step.min(255.0) as u64) // not negative
         } else {
-            (1, 0)
+            (u64::from(!look.is_bare), 0)
         }
+    } else {
+        (0, 0)
     };
     Some(model << MODEL_SHIFT | u64::from(is_cut) << CUT_SHIFT | kind << KIND_SHIFT | step)
 }
@@ -331,7 +331,7 @@ fn inset_share(models: &Models, triangle: u32, record: &ItemRecord) -> f32 {
 
 fn record(world: &World<'_>, camera: &Camera, item: &Item, place: u32) -> ItemRecord {
     let group = &world.instances.groups[item.group as usize];
-    let look = &world.leaves[world.species(group)];
+    let look = world.foliage(group).unwrap_or(&world.leaves[world.species(group)]);
     let crown = Crown::of(camera, item, look);
     let [axis_x, axis_y, axis_z] = item.axes.map(|axis| axis.to_array());
     ItemRecord {

@@ -47,30 +47,73 @@ pub struct LeafLook {
     pub droop: f32,
     /// How far boughs stand out of the crown's outline, in crown radii.
     pub lumpiness: f32,
+    /// Whether these are twigs without leaves, which one sees through.
+    pub is_bare: bool,
 }
 
 impl LeafLook {
+    /// Twigs of a broadleaf in winter. chosen: as wide as a tenth of their length with their buds and side twigs, so that from the air a
+    /// bare wood is a brown haze.
+    pub const TWIGS: Self = Self {
+        length_m: 0.45,
+        width: 0.07,
+        fringe: 0.05,
+        droop: 0.0,
+        lumpiness: 0.3,
+        is_bare: true,
+    };
+
     /// How leaves of a species look. chosen: sizes of leaves with their twigs, as one tells them apart from some metres off.
     pub fn of(species: &Species) -> Self {
         match (species.leaf, species.form) {
-            (Leaf::Needle, Form::Tree) => {
-                Self { length_m: 0.17, width: 0.26, fringe: 0.045, droop: 0.35, lumpiness: 0.20 }
-            }
-            (Leaf::Needle, _) => {
-                Self { length_m: 0.07, width: 0.3, fringe: 0.06, droop: 0.1, lumpiness: 0.2 }
-            }
-            (Leaf::Frond, _) => {
-                Self { length_m: 0.09, width: 0.3, fringe: 0.03, droop: 0.2, lumpiness: 0.0 }
-            }
-            (Leaf::Broad, Form::Herb) => {
-                Self { length_m: 0.04, width: 0.7, fringe: 0.08, droop: 0.0, lumpiness: 0.1 }
-            }
-            (Leaf::Broad, Form::Tree) => {
-                Self { length_m: 0.11, width: 0.62, fringe: 0.05, droop: 0.1, lumpiness: 0.50 }
-            }
-            (Leaf::Broad, _) => {
-                Self { length_m: 0.075, width: 0.6, fringe: 0.07, droop: 0.1, lumpiness: 0.34 }
-            }
+            (Leaf::Needle, Form::Tree) => Self {
+                length_m: 0.17,
+                width: 0.26,
+                fringe: 0.045,
+                droop: 0.35,
+                lumpiness: 0.20,
+                is_bare: false,
+            },
+            (Leaf::Needle, _) => Self {
+                length_m: 0.07,
+                width: 0.3,
+                fringe: 0.06,
+                droop: 0.1,
+                lumpiness: 0.2,
+                is_bare: false,
+            },
+            (Leaf::Frond, _) => Self {
+                length_m: 0.09,
+                width: 0.3,
+                fringe: 0.03,
+                droop: 0.2,
+                lumpiness: 0.0,
+                is_bare: false,
+            },
+            (Leaf::Broad, Form::Herb) => Self {
+                length_m: 0.04,
+                width: 0.7,
+                fringe: 0.08,
+                droop: 0.0,
+                lumpiness: 0.1,
+                is_bare: false,
+            },
+            (Leaf::Broad, Form::Tree) => Self {
+                length_m: 0.11,
+                width: 0.62,
+                fringe: 0.05,
+                droop: 0.1,
+                lumpiness: 0.50,
+                is_bare: false,
+            },
+            (Leaf::Broad, _) => Self {
+                length_m: 0.075,
+                width: 0.6,
+                fringe: 0.07,
+                droop: 0.1,
+                lumpiness: 0.34,
+                is_bare: false,
+            },
         }
     }
 }
@@ -118,7 +161,8 @@ impl Crown {
         let is_leafy = leaf_m < 0.55 * crown_radius_m;
         let fringe_m = if is_leafy { look.fringe * crown_radius_m + 0.4 * leaf_m } else { 0.0 };
         let lump_reach_m = look.lumpiness * crown_radius_m;
-        let is_open = is_leafy && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
+        let is_open =
+            look.is_bare || is_leafy && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
         Self {
             leaf_m,
             leaf_area_m2: 0.5 * leaf_m * leaf_m * look.width.max(0.34),

@@ -187,8 +187,7 @@ fn draw_items(
         let mesh = &world.instances.archetypes[group.archetype].levels[usize::from(level)];
         for part in &mesh.parts {
             if part.material == Material::Foliage {
-                if has_leaves {
-                    let look = &world.leaves[world.species(group)];
+                if let Some(look) = world.foliage(group) {
                     foliage::draw(buffer, camera, item, *place, part, look, &mut corners);
                 }
                 continue;

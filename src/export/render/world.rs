@@ -140,6 +140,18 @@ impl<'a> World<'a> {
         !self.is_leafless && !is_shed
     }
 
+    /// What plants of a group bear in this season: leaves, or twigs where they are shed; nothing where leaves are left out.
+    #[inline]
+    pub fn foliage(&self, group: &InstanceGroup) -> Option<&LeafLook> {
+        if self.is_leafless {
+            None
+        } else if self.group_has_leaves(group) {
+            Some(&self.leaves[self.species(group)])
+        } else {
+            Some(&LeafLook::TWIGS)
+        }
+    }
+
     /// Whether an instance bears leaves in this season.
     #[inline]
     pub fn has_leaves(&self, item: &Item) -> bool {
@@ -191,7 +203,9 @@ impl<'a> World<'a> {
         }
         let [a, b, c, _] = noise::four(noise::hash2(item.index ^ 0xa5a5, item.group));
         match self.season {
-            Season::Summer | Season::Winter => green,
+            Season::Summer => green,
+            // twigs
+            Season::Winter => vec3(0.105, 0.082, 0.066) * (0.75 + 0.5 * a),
             Season::Spring => green * (vec3(1.45, 1.35, 0.8)),
             Season::Autumn => {
                 // chosen: yellow birches, russet oaks and beeches, some still green

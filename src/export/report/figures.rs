@@ -118,7 +118,8 @@ fn structure(stand: &Stand, biome: &Biome, is_pyrenees: bool) -> Section {
     section.hold("quadratic mean diameter", "m", value, [0.0, thickest_m], source);
     let margin = f64::from(SpeciesParams::default().height_margin);
     let tallest_m = most(|species| species.max_height_m) * margin;
-    let source = "mean of the hundred thickest stems a hectare; no more than the biome's tallest tree";
+    let source =
+        "mean of the hundred thickest stems a hectare; no more than the biome's tallest tree";
     section.hold("dominant height", "m", stand.dominant_height_m, [0.0, tallest_m], source);
     let source = "mean weighed by basal area; no more than the biome's tallest tree";
     section.hold("Lorey's height", "m", stand.lorey_height_m, [0.0, tallest_m], source);
