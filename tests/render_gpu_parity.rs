@@ -20,7 +20,7 @@ use wildwood::export::render::shading::Lights;
 use wildwood::export::render::shadow;
 use wildwood::export::render::sky::Sky;
 use wildwood::export::render::surface_buffer::{Sample, Surface};
-use wildwood::export::render::vector::{UP, vec3};
+use wildwood::export::render::vector::{UP, Vec3, vec3};
 use wildwood::export::render::world::{Season, World};
 use wildwood::gpu::Device;
 use wildwood::math;
@@ -242,10 +242,14 @@ fn samples(painter: Option<&mut GpuPainter>, world: &World<'_>, camera: &Camera)
     })
 }
 
+/// A quarter of a picture.
+const BAND_SAMPLES: usize = 8_000;
+
 #[test]
 fn pictures_show_the_same_surfaces() {
     let Some(device) = device() else { return };
     let mut painter = GpuPainter::new(&device).unwrap();
+    let mut banding = GpuPainter::new(&device).unwrap().with_most_samples(BAND_SAMPLES);
     let wood = Wood::new();
     let mut all = Tally::default();
     for (name, camera, season) in cameras() {
@@ -256,6 +260,9 @@ fn pictures_show_the_same_surfaces() {
         tally.add(&cpu, &gpu);
         eprintln!("{name}: {:?}", tally.0);
         all.add(&cpu, &gpu);
+        let mut in_bands = Tally::default();
+        in_bands.add(&gpu, &samples(Some(&mut banding), &world, &camera));
+        assert_eq!(in_bands.missed(), [""; 0], "{name} in bands");
         // what is the same is as near, faces the same way and is as open
         let same: Vec<_> = cpu.iter().zip(&gpu).filter(|(c, g)| is_same(c, g)).collect();
         let is_alike = |c: &Sample, g: &Sample| {
@@ -301,27 +308,47 @@ fn pictures_are_as_bright_and_the_same_in_bands_and_twice() {
     assert!(apart < cpu.len() / 200, "{apart} of {} bytes differ in bands", cpu.len());
 }
 
+const MAP_SIDE_PX: u32 = 400;
+
+/// Share of texels of a depth map by the card that are as deep as by the CPU, and whether any lies beside the terrain.
+fn as_deep(
+    painter: &mut GpuPainter,
+    world: &World<'_>,
+    middle: Vec3,
+    radius_m: f32,
+) -> (f64, bool) {
+    let px_per_m = MAP_SIDE_PX as f32 / (2.0 * radius_m);
+    let size = [MAP_SIDE_PX as f32; 2];
+    let camera = Camera::orthographic(middle, 2.4, -0.7, px_per_m, size);
+    let items = draw_list::visible(world.instances, &world.bounds, &camera, &shadow::DETAIL);
+    let texel_m = 1.0 / px_per_m;
+    let cpu = shadow::nearness(world, &camera, &items, MAP_SIDE_PX, texel_m);
+    let gpu = painter.depth_map(world, &camera, &items, MAP_SIDE_PX, texel_m).unwrap();
+    let is_same = |(c, g): &(&f32, &f32)| c == g || (**c - **g).abs() < 0.02;
+    let same = cpu.iter().zip(&gpu).filter(is_same).count();
+    (same as f64 / cpu.len() as f64, cpu.contains(&f32::NEG_INFINITY))
+}
+
+const LEAST_AS_DEEP: f64 = 0.995;
+
 #[test]
 fn depth_maps_are_as_deep() {
     let Some(device) = device() else { return };
     let mut painter = GpuPainter::new(&device).unwrap();
     let wood = Wood::new();
     let world = wood.world(Season::Summer);
-    let side_px = 400;
     for (middle, radius_m) in [(vec3(0.0, 0.0, 8.0), 95.0), (vec3(10.0, -5.0, 2.0), 14.0)] {
-        let px_per_m = side_px as f32 / (2.0 * radius_m);
-        let size = [side_px as f32; 2];
-        let camera = Camera::orthographic(middle, 2.4, -0.7, px_per_m, size);
-        let items = draw_list::visible(world.instances, &world.bounds, &camera, &shadow::DETAIL);
-        let texel_m = 1.0 / px_per_m;
-        let cpu = shadow::nearness(&world, &camera, &items, side_px, texel_m);
-        let gpu = painter.depth_map(&world, &camera, &items, side_px, texel_m).unwrap();
-        let is_same = |(c, g): &(&f32, &f32)| c == g || (**c - **g).abs() < 0.02;
-        let same = cpu.iter().zip(&gpu).filter(is_same).count();
-        eprintln!("{radius_m} m: {same} of {}", cpu.len());
-        assert!(same as f64 > 0.995 * cpu.len() as f64, "{same} of {} texels", cpu.len());
-        assert!(cpu.contains(&f32::NEG_INFINITY) == (radius_m > 50.0));
+        let (share, is_beside) = as_deep(&mut painter, &world, middle, radius_m);
+        eprintln!("{radius_m} m: {share}");
+        assert!(share > LEAST_AS_DEEP, "{share} of the texels");
+        assert!(is_beside == (radius_m > 50.0));
     }
+    let right = Texts::default();
+    let gaps = right.shadow.replace("view.gap_threshold", "2.0 * view.gap_threshold");
+    assert!(gaps != right.shadow, "the threshold is gone");
+    let mut painter = GpuPainter::with_texts(&device, &Texts { shadow: gaps, ..right }).unwrap();
+    let (share, _) = as_deep(&mut painter, &world, vec3(10.0, -5.0, 2.0), 14.0);
+    assert!(share < LEAST_AS_DEEP, "twice the gaps went unnoticed: {share}");
 }
 
 #[test]
