@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::draw_list::{Detail, Item};
-use super::foliage::Crown;
+use super::foliage::{Crown, leaf_area_m2};
 use super::models_gpu::{Models, model_of};
 use super::noise;
 use super::vector::{Vec3, vec3};
@@ -303,8 +303,7 @@ fn key(world: &World<'_>, camera: &Camera, item: &Item, purpose: Purpose) -> Opt
 fn leaves_per_area(record: &ItemRecord) -> Vec3 {
     let size = |axis: [f32; 3]| Vec3::from(axis).length();
     let [x, y, z] = [size(record.axis_x), size(record.axis_y), size(record.axis_z)];
-    let density =
-        record.cover / (0.5 * record.leaf_m * record.leaf_m * record.width.max(0.34)).max(1e-9);
+    let density = record.cover / leaf_area_m2(record.leaf_m, record.width).max(1e-9);
     vec3(y * z, x * z, x * y) * density
 }
 

@@ -118,6 +118,12 @@ impl LeafLook {
     }
 }
 
+/// Ground area that stands for one leaf when they are counted, m². chosen: narrow leaves as if they were a third as wide as long, or
+/// crowns of needles would take thousands.
+pub fn leaf_area_m2(leaf_m: f32, width: f32) -> f32 {
+    0.5 * leaf_m * leaf_m * width.max(0.34)
+}
+
 /// How one crown is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crown {
@@ -165,7 +171,7 @@ impl Crown {
             look.is_bare || is_leafy && crown_radius_m.min(height_m) * px_per_m > OPEN_CROWN_PX;
         Self {
             leaf_m,
-            leaf_area_m2: 0.5 * leaf_m * leaf_m * look.width.max(0.34),
+            leaf_area_m2: leaf_area_m2(leaf_m, look.width),
             is_leafy,
             is_open,
             is_round: leaf_m * px_per_m >= ROUND_LEAF_PX,

@@ -173,7 +173,7 @@ impl<'a> World<'a> {
         let base = self.palette[species][class][place];
         // a product of codes is near enough to one of light for tints around 255
         let [r, g, b] = group.tint_srgb[index].map(|byte| f32::from(byte) / 255.0);
-        let tinted = base * (vec3(r * r, g * g, b * b));
+        let tinted = base * vec3(r * r, g * g, b * b);
         if material == Material::Foliage {
             let color = self.in_season(tinted, species, item);
             // a crown's leaves face all ways and shade each other: less colourful than one leaf
@@ -206,7 +206,7 @@ impl<'a> World<'a> {
             Season::Summer => green,
             // twigs
             Season::Winter => vec3(0.105, 0.082, 0.066) * (0.75 + 0.5 * a),
-            Season::Spring => green * (vec3(1.45, 1.35, 0.8)),
+            Season::Spring => green * vec3(1.45, 1.35, 0.8),
             Season::Autumn => {
                 // chosen: yellow birches, russet oaks and beeches, some still green
                 let gold = vec3(0.46, 0.27, 0.035);
