@@ -19,6 +19,7 @@ use crate::simulation::Parameters;
 use crate::species::Biome;
 use crate::terrain::Terrain;
 use crate::undergrowth::refinement::{self, Area, RefinementFigures};
+use crate::undergrowth::statistics::StatisticsError;
 use crate::undergrowth::{self, Conditions, Statistics, Synthesis, Trees, Undergrowth, sampling};
 
 /// Name of the stage in `scene.toml`.
@@ -91,41 +92,32 @@ impl UndergrowthRequest {
         if self.is_off {
             return Ok(None);
         }
-        let read;
-        let (text, name) = match &self.statistics {
-            None => {
-                if let Some(text) = unfit(biome) {
-                    reporter.warn(Warning::Other { text: text.to_owned() });
-                    if Statistics::builtin(biome).is_err() {
-                        return Ok(None);
-                    }
-                }
-                (Statistics::builtin_json(biome), "built-in statistics".to_owned())
-            }
-            Some(path) => {
-                read = std::fs::read_to_string(path)
-                    .map_err(|source| io::Error::Read { path: path.clone(), source })?;
-                (Ok(read.as_str()), path.display().to_string())
-            }
-        };
-        let statistics = text
-            .and_then(|text| Ok((Statistics::parse(text, biome)?, super::import::key(&[text]))));
-        statistics.map(Some).map_err(|e| Error::Usage { what: format!("{name}: {e}") })
+        let parse = |text: &str| Ok((Statistics::parse(text, biome)?, super::import::key(&[text])));
+        if let Some(path) = &self.statistics {
+            let text = std::fs::read_to_string(path)
+                .map_err(|source| io::Error::Read { path: path.clone(), source })?;
+            let in_file = |e: StatisticsError| format!("{}: {e}", path.display());
+            return parse(&text).map(Some).map_err(|e| Error::Usage { what: in_file(e) });
+        }
+        let built_in = Statistics::builtin_json(biome).and_then(parse);
+        if is_built_in(biome) {
+            let of_program = |e| Error::Usage { what: format!("built-in statistics: {e}") };
+            return built_in.map(Some).map_err(of_program);
+        }
+        let text = if built_in.is_ok() { OF_OTHERS } else { NONE_FIT };
+        reporter.warn(Warning::Other { text: text.to_owned() });
+        Ok(built_in.ok())
     }
 }
 
-/// What is amiss when a biome of one's own has no statistics of its own; `None` for a built-in biome, and one with another climate alone.
-fn unfit(biome: &Biome) -> Option<&'static str> {
-    let origin = Biome::builtin(&biome.key).ok();
-    let is_alike =
-        |origin: &Biome| origin.species == biome.species && origin.sub_biomes == biome.sub_biomes;
-    if origin.is_some_and(|origin| is_alike(&origin)) {
-        return None;
-    }
-    Some(if Statistics::builtin(biome).is_ok() {
-        "undergrowth is that of the built-in species; make statistics of your own (wildwood statistics --biome FILE -o statistics.json, some minutes) and give them with --undergrowth-statistics"
-    } else {
-        "no undergrowth: no statistics of these species are built in; make them (wildwood statistics --biome FILE -o statistics.json, some minutes) and give them with --undergrowth-statistics"
+/// Warnings where a biome of one's own has no statistics of its own: its species are built in, with other values, or they are not.
+const OF_OTHERS: &str = "undergrowth is that of the built-in species; make statistics of your own (wildwood statistics --biome FILE -o statistics.json, some minutes) and give them with --undergrowth-statistics";
+const NONE_FIT: &str = "no undergrowth: no statistics of these species are built in; make them (wildwood statistics --biome FILE -o statistics.json, some minutes) and give them with --undergrowth-statistics";
+
+/// Whether a biome's plants are those of a built-in one; its climate may be another.
+fn is_built_in(biome: &Biome) -> bool {
+    Biome::builtin(&biome.key).is_ok_and(|origin| {
+        origin.species == biome.species && origin.sub_biomes == biome.sub_biomes
     })
 }
 
@@ -307,4 +299,32 @@ fn figures(input: &UndergrowthInput<'_>, grown: &GrownUndergrowth) -> toml::Tabl
         add("pair_differences_by_sweep", differences.collect::<Vec<_>>().into());
     }
     figures
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changed_species_are_told_of_and_new_ones_have_no_statistics() {
+        let read = |text: &str| {
+            let reporter = Reporter::silent();
+            let biome = Biome::from_toml(text).unwrap();
+            let read = UndergrowthRequest::default().read_statistics(&biome, &reporter).unwrap();
+            let warnings: Vec<String> =
+                reporter.warnings().iter().map(ToString::to_string).collect();
+            (read.is_some(), warnings)
+        };
+        let changed = |from: &str, to: &str| {
+            let text = Biome::builtin_toml("pyrenees").unwrap();
+            assert!(text.contains(from), "{from} is gone");
+            text.replace(from, to)
+        };
+        let drier = changed("soil_capacity_mm = 180.0", "soil_capacity_mm = 90.0");
+        assert_eq!(read(&drier), (true, vec![]), "another climate has the same plants");
+        let lower = changed("max_height_m = 9.0", "max_height_m = 8.0");
+        assert_eq!(read(&lower), (true, vec![OF_OTHERS.to_owned()]));
+        let renamed = changed("\"silver-birch\"", "\"downy-birch\"");
+        assert_eq!(read(&renamed), (false, vec![NONE_FIT.to_owned()]));
+    }
 }
